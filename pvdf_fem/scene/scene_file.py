@@ -156,10 +156,12 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         # for a repeated heading the message is "Cannot declare ('film', 'patches') twice (at ...)"
         key = ".".join(re.findall(r"'([\w-]+)'", str(error)))
-        advice = "correct the text there"
+        advice = "correct this line"
+        if "Invalid value" in str(error):
+            advice = "write a number, a text in quotes, true, false or a list in brackets there"
         if key in _REPEATED_TABLES:
             advice = f"begin each of these tables with [[{key}]]"
-        problem = f"{source}: is not TOML: {str(error)[:300]}; {advice}"
+        problem = f"{source}: is not valid TOML: {str(error)[:300]}; {advice}"
         raise SceneError([problem], source) from None
     except ValueError:  # Python refuses to convert integers with thousands of digits
         problem = f"{source}: has an integer of thousands of digits; give a smaller number"

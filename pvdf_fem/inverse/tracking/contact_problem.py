@@ -80,7 +80,7 @@ class ContactProblem(LocationProblem):
         response : ChargeFunction
             Charges as a function of the touch.
         fixed : mapping of int to float
-            Values of the fixed coordinates, by index.
+            Values of the coordinates that are not searched for, by their index.
         options : TrackOptions
             How far the force is extrapolated, and the skew of the sampling error.
         """
@@ -180,19 +180,19 @@ class ContactProblem(LocationProblem):
         return system
 
     def fit_force(self, coordinates: Array, sample: ChargeSample) -> tuple[Array, float]:
-        """Fit the force of a touch at a fixed position to the charges of a sample.
+        """Fit the force of a touch with fixed position and rotation to the charges of a sample.
 
         Parameters
         ----------
         coordinates : ndarray, shape (4,)
-            Position, rotation and initial guess of the force.
+            Position, rotation and initial guess of the logarithm of the force.
         sample : ChargeSample
             Charges to fit.
 
         Returns
         -------
         coordinates : ndarray, shape (4,)
-            Coordinates with the fitted force.
+            Coordinates with the fitted logarithm of the force.
         chi_square : float
             Chi-square of the charges after the fit.
         """

@@ -111,7 +111,7 @@ class Tracker:
         self._restart()
 
     def _restart(self) -> None:
-        """Restart without a baseline and a contact; the list of finished touches is kept."""
+        """Restart with an empty baseline and without a contact; `touches` is not changed."""
         self._baseline = Baseline(self._circuit, self._options)
         self._detector = ContactDetector(len(self.response.names), self._options)
         self._contact: Contact | None = None
@@ -120,9 +120,10 @@ class Tracker:
     def update(self, t: float, readings: Mapping[str, float] | Sequence[float]) -> TrackRow:
         """Process a sample and return the state of the tracker.
 
-        When a contact ends, its summary is appended to `touches`. The tracker restarts, without
-        using the readings of the sample, if the time does not increase or if the pause before the
-        sample is too long; a contact in progress is then cut off.
+        When a contact ends, its summary is appended to `touches`. At the first sample, if the time
+        does not increase, and if the pause before the sample is too long, the tracker restarts and
+        ignores the readings of the sample. It then cuts off a contact in progress and appends its
+        summary, too.
 
         Parameters
         ----------
@@ -205,9 +206,10 @@ class Tracker:
         return self._clock.time_s + left * self._clock.interval_s
 
     def _restart_at(self, t: float, event: ClockEvent) -> TrackRow:
-        """Restart at the first sample, after a long pause, or if the time does not increase.
+        """Restart the tracker, except for its clock, and return the row of the sample.
 
-        A contact in progress is finished with the status ``lost`` or ``clock``.
+        A contact in progress is finished with the status ``lost`` after a pause, and ``clock``
+        otherwise.
 
         Parameters
         ----------
@@ -223,9 +225,11 @@ class Tracker:
         return TrackRow(t, TrackStatus.SETTLING if event is ClockEvent.FIRST else status)
 
     def _watch_baseline(self, t: float, voltages: Array) -> TrackRow:
-        """Process a sample outside of contacts: begin a contact, or update the baseline.
+        """Process a sample outside of contacts: begin a contact, or wait for the next sample.
 
-        While the baseline settles, the deviations count as zero, so that no contact is detected.
+        If no contact begins and the detector has enough samples, its oldest one is added to the
+        baseline. While the baseline settles, the deviations count as zero, so that no contact is
+        detected.
 
         Parameters
         ----------
@@ -257,7 +261,9 @@ class Tracker:
         self._baseline.add(oldest.time_s, oldest.voltages)
 
     def _begin_contact(self, count: int) -> TrackRow:
-        """Begin a contact with the last samples of the detector; earlier ones join the baseline.
+        """Begin a contact with the last samples of the detector, and return the last sample's row.
+
+        Earlier samples of the detector are added to the baseline.
 
         Parameters
         ----------
@@ -349,12 +355,15 @@ class Tracker:
     def _summarise(self, contact: Contact, status: TrackStatus | None) -> TouchSummary:
         """Summarise a contact at the sample from which it was last located.
 
+        If it is not located, the summary is that of the sample with the largest charges, without
+        position and force.
+
         Parameters
         ----------
         contact : Contact
             Contact that has ended or is cut off.
         status : TrackStatus, optional
-            Status that replaces the one of the located touch. Default: None, keep that status.
+            Status of a contact that was cut off. Default: the status that follows from its touch.
         """
         record = contact.record
         locator = contact.locator
@@ -395,6 +404,8 @@ class Tracker:
         self, t: float, candidates: CandidateTouches, coordinates: Array, chi_square: float
     ) -> TrackRow:
         """Make the row of a located touch, in the frame of the stage.
+
+        The force is NaN if it is at the upper end of the extrapolated range.
 
         Parameters
         ----------

@@ -153,16 +153,20 @@ def _describe_error(details: ErrorDetails, where: str, model: type[BaseModel]) -
         table = join_key(where, steps[:-1])
         place = f"of {table}" if table else "at the top level"
         reason = unsupported or f"is not a key {place}; {_advise_on_key(location, model)}"
+    elif kind == "tuple_type" and steps and isinstance(steps[-1], int):
+        reason = "must be a point; give its coordinates [x, y] in brackets"
     elif kind == "tuple_type" and isinstance(value, Mapping):
         reason = f"must be a list of tables; begin each with [[{key}]]"
     elif kind == "model_type" and isinstance(value, list):
-        reason = f"must be one table; begin it with [{key}]"
+        reason = f"must be one table, not a list; begin it with [{key}], not [[{key}]]"
     elif kind == "literal_error":
         reason = f"is not a valid value; {suggest(value, _find_quoted(context['expected']))}"
     elif kind == "union_tag_invalid":
         value = value["shape"]
         reason = f"is not a valid shape; {suggest(value, _find_quoted(context['expected_tags']))}"
-    elif kind == "float_type" and isinstance(value, int) and not isinstance(value, bool):
+    elif kind == "float_type" and isinstance(value, bool):
+        reason = "must be a number, not true or false; write digits"
+    elif kind == "float_type" and isinstance(value, int):
         reason = "is too large; give a smaller number"
     elif kind == "too_short":
         reason = f"has too few entries; give at least {context['min_length']}"
