@@ -113,7 +113,7 @@ def parse_axes(
     """
     is_list = isinstance(tables, list | tuple)
     if not is_list or not all(isinstance(table, Mapping) for table in tables):
-        reason = 'must be a list of tables, [{"load.force_N": [1, 2]}]; in a file of [[axes]]'
+        reason = 'must be a list of tables; give one per axis, as in [{"load.force_N": [1, 2]}]'
         raise SceneError([format_error("axes", tables, reason)], source)
     if not tables:
         raise SceneError(["axes: is required; add a table [[axes]]"], source)
@@ -166,7 +166,9 @@ def _parse_axis(
     varied = dict(table)
     name = varied.pop("name", None)
     if name is not None and not _is_netcdf_name(name):
-        reason = "is not a valid name in NetCDF; give at most 60 letters, digits and _"
+        reason = "is not a valid name in NetCDF; use only letters, digits and _, at most 60"
+        if re.fullmatch(_NETCDF_TYPES, str(name)):
+            reason = "is the name of a type in NetCDF files; choose another name"
         errors.append(format_error(f"{where}.name", name, reason))
     if "mapping" in varied:
         lines = varied.pop("mapping")
@@ -348,7 +350,7 @@ def _find_conflicts(axes: Sequence[SweepAxis]) -> Iterator[str]:
         names.add(axis.name)
         keys |= axis.values.keys()
         if axis.name in RESERVED_NAMES or axis.name in coordinates - axis.values.keys():
-            reason = "is reserved, or the name of another key; choose another name"
+            reason = "is the name of a result or of a varied key; choose another name"
             yield format_error(f"{where}.name", axis.name, reason)
     count = math.prod(len(axis) for axis in axes)
     if count > MAX_SCENES:

@@ -196,7 +196,7 @@ class Response(Result):
             return response
         if self.stress_modes is None or self.validation is None:
             raise ValueError("response: has no stress about the probe; build it again")
-        with show_progress("s of one core", progress) as show:
+        with show_progress("CPU seconds", progress) as show:
             runner = TaskRunner(processes, show)
             spline = tabulate_charges(
                 self.stress_modes, scene, self.domain, axes=self.spline.axes, runner=runner

@@ -106,7 +106,7 @@ def build_response(
     if file is not None:
         require_writable(coerce("file", file, Path))
     processes = coerce("processes", processes, int | None)
-    with show_progress("s of one core", progress) as show:
+    with show_progress("CPU seconds", progress) as show:
         runner = TaskRunner(processes, show)
         response = _build_within_tolerance(scene, domain, tolerance, options, runner=runner)
     if file is not None:
