@@ -29,7 +29,7 @@ def compute_initial_guess(equilibrium: Equilibrium) -> Array:
     """
     laplace = equilibrium.assembly.matrix(equilibrium.space.laplace_matrices())
     forces = equilibrium.flat_forces
-    solved = np.flatnonzero(equilibrium.unknowns.deflections())
+    solved = np.flatnonzero(equilibrium.unknowns.mark_deflections())
     if not forces[solved].any():
         solved = np.arange(len(forces))
     stiffness = laplace[solved][:, solved].tocsc()
