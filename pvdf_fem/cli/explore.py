@@ -30,7 +30,7 @@ _MAX_PORT = 65535
 
 
 def add_parser(commands: Any) -> None:
-    """Register the `explore` subcommand."""
+    """Add the parser of ``pvdf-fem explore`` to `commands`, the result of `add_subparsers`."""
     parser = add_scene_command(
         commands,
         "explore",
@@ -47,11 +47,17 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the `explore` subcommand until Ctrl-C, and return its exit code."""
+    """Serve the interactive page about a scene until Ctrl-C, and return the exit code.
+
+    Raises
+    ------
+    InputError
+        If an option or the scene is invalid, or if the port cannot be used.
+    """
     errors = []
     option = f"--port {options.port[:MAX_QUOTED]}"
-    is_port = options.port.isascii() and options.port.isdecimal()
-    if not is_port or int(options.port[:9]) > _MAX_PORT:
+    is_number = options.port.isascii() and options.port.isdecimal()
+    if not is_number or int(options.port[:9]) > _MAX_PORT:
         errors.append(f"{option}: must be an integer from 0 to {_MAX_PORT}")
     scene = read_scene(options, *errors)
     from pvdf_fem.explore.server import serve

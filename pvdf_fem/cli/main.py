@@ -58,7 +58,7 @@ _MODULES = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command ``pvdf-fem``.
+    """Run the subcommand of a command line, and print errors on standard error.
 
     Parameters
     ----------
@@ -69,24 +69,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     -------
     int
         The exit code, one of `pvdf_fem.cli.program.ExitCode`.
+
+    Raises
+    ------
+    SystemExit
+        After ``--help`` or ``--version``, and if `argparse` finds an error.
     """
     return run_program("pvdf-fem", lambda: _run(arguments))
 
 
 def make_parser() -> ArgumentParser:
-    """Make the parser of the command line with all subcommands."""
+    """Make the parser of the command line, which has all subcommands."""
     parser, _ = _make_parsers(_MODULES)
     return parser
 
 
 def make_command_parsers() -> dict[str, ArgumentParser]:
-    """Make the parsers of all subcommands, and return them by name."""
+    """Make the parser of each subcommand, and return these parsers by name of the subcommand."""
     _, parsers = _make_parsers(_MODULES)
     return parsers
 
 
 def _make_parsers(names: Iterable[str]) -> tuple[ArgumentParser, dict[str, ArgumentParser]]:
-    """Make the parser of a command line with some subcommands.
+    """Make the parser of the command line, and import only the modules of some subcommands.
 
     Parameters
     ----------
@@ -96,9 +101,10 @@ def _make_parsers(names: Iterable[str]) -> tuple[ArgumentParser, dict[str, Argum
     Returns
     -------
     parser : ArgumentParser
-        The parser of the command line.
+        The parser of the command line, which knows these subcommands only.
     parsers : dict of str to ArgumentParser
-        The parsers of the subcommands by name.
+        The parsers of the subcommands by name. These are all subcommands of the imported modules,
+        which may be more than `names`.
     """
     parser = ArgumentParser(
         "pvdf-fem", description=_DESCRIPTION, epilog=_EPILOG.format(keys=_list_keys())
@@ -112,7 +118,20 @@ def _make_parsers(names: Iterable[str]) -> tuple[ArgumentParser, dict[str, Argum
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    """Parse the command line, run its subcommand, and return the exit code."""
+    """Parse command-line arguments, run the subcommand, and return the exit code.
+
+    Without a subcommand, the help is printed and the exit code is `ExitCode.BAD_INPUT`.
+
+    Parameters
+    ----------
+    arguments : sequence of str or None
+        Arguments without the name of the program. None for those of this process.
+
+    Raises
+    ------
+    InputError
+        If there is an argument that the subcommand does not have.
+    """
     words = sys.argv[1:] if arguments is None else list(arguments)
     command = _find_command(words)
     parser, _ = _make_parsers([command] if command else _MODULES)
@@ -130,7 +149,11 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def _find_command(words: Sequence[str]) -> str | None:
-    """Return the name of the subcommand, or None if there is none, as in ``pvdf-fem --help``."""
+    """Return the first word if it is a subcommand, and else None.
+
+    Options ``-v`` in front of it are skipped. The result is None if any other option, such as
+    ``--help``, or an unknown word comes first.
+    """
     for word in words:
         if word in _MODULES:
             return word
@@ -141,12 +164,12 @@ def _find_command(words: Sequence[str]) -> str | None:
 
 
 def _list_keys() -> str:
-    """Return a text with the names of all keys of a scene file, one paragraph for each table."""
+    """Return a text with the names of all keys of a scene file, a wrapped line for each table."""
     names: dict[str, list[str]] = {}
     for key in read_key_texts():
-        of_table = names.setdefault(key.table, [])
-        if key.name not in of_table:
-            of_table.append(key.name)
+        table_names = names.setdefault(key.table, [])
+        if key.name not in table_names:
+            table_names.append(key.name)
     wrapper = textwrap.TextWrapper(79, initial_indent=2 * " ", subsequent_indent=20 * " ")
     lines = [wrapper.fill(f"{table:<18}{', '.join(keys)}") for table, keys in names.items()]
     return "\n".join(lines)

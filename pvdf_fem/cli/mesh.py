@@ -28,7 +28,7 @@ exit codes: 0 written, 2 bad input, 3 gmsh failed"""
 
 
 def add_parser(commands: Any) -> None:
-    """Register the `mesh` subcommand."""
+    """Add the parser of ``pvdf-fem mesh`` to `commands`, the result of `add_subparsers`."""
     parser = add_scene_command(
         commands,
         "mesh",
@@ -42,7 +42,20 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the `mesh` subcommand, and return its exit code."""
+    """Write the mesh with which `solve` starts to a file, and print its size and its patches.
+
+    Returns
+    -------
+    int
+        `ExitCode.CONVERGED`, or `ExitCode.NOT_CONVERGED` if gmsh fails.
+
+    Raises
+    ------
+    InputError
+        If an option or the scene is invalid.
+    FileError
+        If the file cannot be written.
+    """
     from pvdf_fem.view.export import FORMATS, write_mesh
 
     errors = find_output_errors(options.file, list(FORMATS), options.scene)

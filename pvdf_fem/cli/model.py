@@ -43,7 +43,7 @@ above the tolerance"""
 
 
 def add_parser(commands: Any) -> None:
-    """Register the `model` subcommand."""
+    """Add the parser of ``pvdf-fem model`` to `commands`, the result of `add_subparsers`."""
     parser = add_scene_command(
         commands,
         "model",
@@ -59,7 +59,21 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the `model` subcommand, and return its exit code."""
+    """Load or build the response of a sensor, and print it with its file.
+
+    With ``--list`` the existing files are printed instead, and nothing is built.
+
+    Returns
+    -------
+    int
+        `ExitCode.CONVERGED` if the error bound of the response is within the tolerance, or with
+        ``--list`` if a file can be used. Otherwise `ExitCode.NOT_CONVERGED`.
+
+    Raises
+    ------
+    InputError
+        If an option or the scene is invalid.
+    """
     scene = read_scene(options)
     errors: list[str] = []
     choice = ResponseChoice.from_options(options, errors)
@@ -83,10 +97,19 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _print_files(files: Sequence[tuple[Path, str]], options: argparse.Namespace) -> int:
-    """Print response files with the reasons why they cannot be used.
+    """Print for each response file whether it can be used, as text or as JSON.
 
-    Returns `ExitCode.CONVERGED` if at least one of them can be used, else
-    `ExitCode.NOT_CONVERGED`.
+    Parameters
+    ----------
+    files : sequence of tuple of Path and str
+        Each file with the reason why it cannot be used, or an empty text if it can.
+    options : argparse.Namespace
+        Options with `scene`, the path, and `json`, whether to print JSON.
+
+    Returns
+    -------
+    int
+        `ExitCode.CONVERGED` if at least one file can be used, else `ExitCode.NOT_CONVERGED`.
     """
     if options.json:
         rows = [

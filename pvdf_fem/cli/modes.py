@@ -24,7 +24,7 @@ or no equilibrium under the load)"""
 
 
 def add_parser(commands: Any) -> None:
-    """Register the `modes` subcommand."""
+    """Add the parser of ``pvdf-fem modes`` to `commands`, the result of `add_subparsers`."""
     parser = add_scene_command(
         commands,
         "modes",
@@ -43,7 +43,19 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the `modes` subcommand, and return its exit code."""
+    """Print the lowest frequencies of a film, and draw the modes if ``--plot`` is used.
+
+    Returns
+    -------
+    int
+        `ExitCode.CONVERGED` if there are frequencies, else `ExitCode.NOT_CONVERGED`, and then
+        nothing is drawn.
+
+    Raises
+    ------
+    InputError
+        If an option or the scene is invalid.
+    """
     from pvdf_fem.dynamics.modes import MAX_MODES, modes
     from pvdf_fem.solver.nonlinear.status import Status
 

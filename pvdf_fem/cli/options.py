@@ -32,7 +32,8 @@ class ArgumentParser(argparse.ArgumentParser):
         super().__init__(*arguments, **(layout | options))
 
     def error(self, message: str) -> NoReturn:
-        """Print the usage and an error message, and exit with code 2."""
+        """Print the usage and a shortened error message, and exit with code 2."""
+        # argparse's message about an unknown subcommand, with the list of the known ones
         unknown = re.fullmatch(
             r"argument COMMAND: invalid choice: '(.*)' \(choose from (.*)\)", message
         )
@@ -51,12 +52,12 @@ def add_command(
     description: str,
     epilog: str,
 ) -> ArgumentParser:
-    """Register a subcommand.
+    """Add a subcommand with its function, its help texts and the option ``-v``.
 
     Parameters
     ----------
     commands : argparse action
-        Return value of `argparse.ArgumentParser.add_subparsers`.
+        The result of `argparse.ArgumentParser.add_subparsers`.
     name : str
         Name of the subcommand.
     run : callable
@@ -71,7 +72,8 @@ def add_command(
     Returns
     -------
     ArgumentParser
-        The parser of the subcommand.
+        The parser of the subcommand. Its options contain `run`, the function, and `parser`, this
+        parser.
     """
     parser: ArgumentParser = commands.add_parser(
         name, help=summary, description=description, epilog=epilog
@@ -92,7 +94,7 @@ def add_scene_command(
     epilog: str,
     json_help: str = "print one JSON object and nothing else",
 ) -> ArgumentParser:
-    """Register a subcommand with a scene file, ``--set`` and ``--json``.
+    """Add a subcommand with a scene file, ``--set``, and optionally ``--json``.
 
     Parameters
     ----------
@@ -126,7 +128,15 @@ def add_scene_command(
 
 
 def add_verbosity(parser: argparse.ArgumentParser, default: Any = 0) -> None:
-    """Add the option ``-v``, which may be repeated; `options.verbose` is its count."""
+    """Add the option ``-v``, which may be repeated.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        The parser to which the option is added.
+    default : int or argparse.SUPPRESS
+        Value of `options.verbose`, the number of ``-v``, if the option is not used.
+    """
     parser.add_argument(
         "-v",
         "--verbose",
@@ -152,14 +162,14 @@ def add_text_option(
     about : str
         Help text, to which the default is added.
     default : str, optional
-        Value if the option is not used.
+        Text of the option if it is not used. Default: None.
     """
     text = about if default is None else f"{about} (default: {default})"
     parser.add_argument(name, metavar=metavar, default=default, help=text)
 
 
 def add_progress(parser: argparse.ArgumentParser) -> None:
-    """Add the option ``--progress``."""
+    """Add the option ``--progress``, which is True, or None if it is not used."""
     parser.add_argument(
         "--progress",
         action="store_true",
@@ -169,9 +179,10 @@ def add_progress(parser: argparse.ArgumentParser) -> None:
 
 
 def describe_unknown_argument(words: Sequence[str], parser: argparse.ArgumentParser) -> str:
-    """Return the error message for arguments that a subcommand does not have.
+    """Return an error message for arguments that a subcommand does not have.
 
-    For a scene key that is used as an option, as in ``--force 2``, ``--set`` is suggested.
+    For a scene key that is used as an option, as in ``--force 2``, the message suggests ``--set``.
+    For any other option it suggests the most similar one.
 
     Parameters
     ----------
@@ -183,7 +194,7 @@ def describe_unknown_argument(words: Sequence[str], parser: argparse.ArgumentPar
     Returns
     -------
     str
-        A message about the first of these arguments.
+        A message about the first of the arguments.
     """
     word = words[0]
     if not word.startswith("-"):
@@ -207,24 +218,26 @@ def describe_unknown_argument(words: Sequence[str], parser: argparse.ArgumentPar
 def read_scene(options: argparse.Namespace, *errors: str) -> Scene:
     """Read the scene file of a subcommand, and apply the changes of ``--set``.
 
-    Keys of the file that the changed scene no longer has are reported on standard error.
+    Keys of the file that the changed scene no longer has, although ``--set`` does not name them,
+    are reported on standard error.
 
     Parameters
     ----------
     options : argparse.Namespace
         Options with `scene`, the path, and `settings`, the values of ``--set``.
     *errors : str
-        Messages about errors in other options.
+        Messages about other options, which are raised together with those about the scene.
 
     Returns
     -------
     Scene
+        The changed scene.
 
     Raises
     ------
     InputError
-        If `errors` are passed, or if the scene or its changes are invalid. The exception lists all
-        messages.
+        If there are messages in `errors`, or if the scene or its changes are invalid. The exception
+        lists all messages.
     """
     from pvdf_fem.scene.scene import Scene
 
@@ -244,10 +257,10 @@ def read_scene(options: argparse.Namespace, *errors: str) -> Scene:
 
 
 def _parse_settings(settings: Sequence[str], errors: list[str]) -> dict[str, Any]:
-    """Parse the values of ``--set``, and return them by key.
+    """Parse the texts ``KEY=VALUE`` of ``--set``, and return the values by normalized key.
 
-    Several tables for the same key are merged; otherwise the last value of a key counts. Messages
-    about invalid settings are added to `errors`.
+    Several tables for one key are merged, otherwise the last value of a key counts. Messages about
+    invalid texts are added to `errors`, and these texts are skipped.
     """
     from pvdf_fem.scene.changes import normalize_key
 
@@ -267,7 +280,7 @@ def _parse_settings(settings: Sequence[str], errors: list[str]) -> dict[str, Any
 
 
 def _find_lost_keys(original: Scene, scene: Scene, changes: Mapping[str, Any]) -> Iterator[str]:
-    """Yield ``key = value`` of each key that was dropped because of changes of other keys.
+    """Yield ``key = value`` of each key that disappeared because other keys were changed.
 
     Parameters
     ----------
@@ -276,7 +289,7 @@ def _find_lost_keys(original: Scene, scene: Scene, changes: Mapping[str, Any]) -
     scene : Scene
         The changed scene.
     changes : mapping of str to value
-        The changes by dotted key. Keys that they name are not reported.
+        The new values by dotted key. Keys that `changes` itself names are not reported.
     """
     from pvdf_fem.scene.changes import find_changed_keys
 
@@ -298,7 +311,7 @@ def _find_lost_keys(original: Scene, scene: Scene, changes: Mapping[str, Any]) -
 
 
 def read_number(text: str) -> float | None:
-    """Parse a finite decimal number; return None for any other text."""
+    """Parse a finite decimal number in ASCII, and return None for any other text."""
     # float() would also accept 1_000, and digits of other scripts
     if not re.fullmatch(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", text):
         return None
@@ -307,7 +320,7 @@ def read_number(text: str) -> float | None:
 
 
 def parse_number(option: str, text: str, errors: list[str], allow_zero: bool = False) -> float:
-    """Parse the value of an option that must be a positive number.
+    """Parse the value of an option that must be a positive number, or also zero.
 
     Parameters
     ----------
@@ -316,7 +329,7 @@ def parse_number(option: str, text: str, errors: list[str], allow_zero: bool = F
     text : str
         Its value on the command line.
     errors : list of str
-        Error messages; one is appended if the value is invalid.
+        Error messages, to which one is appended if the value is invalid.
     allow_zero : bool
         Whether zero is also allowed.
 
@@ -336,7 +349,7 @@ def parse_number(option: str, text: str, errors: list[str], allow_zero: bool = F
 def parse_optional_number(
     option: str, text: str | None, errors: list[str], allow_zero: bool = False
 ) -> float | None:
-    """Parse the value of an optional option that must be a positive number.
+    """Parse the value of an option that has no default, and must be a positive number.
 
     Parameters
     ----------
@@ -348,7 +361,7 @@ def parse_optional_number(
     Returns
     -------
     float or None
-        None if the option is not used.
+        The number, 0 if the value is invalid, or None if the option is not used.
     """
     if text is None:
         return None

@@ -18,14 +18,22 @@ if TYPE_CHECKING:
 
 
 def add_plot(parser: argparse.ArgumentParser, about: str) -> None:
-    """Add the option ``--plot``; its help says that it draws `about`."""
+    """Add the option ``--plot``, a path or None.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of a subcommand.
+    about : str
+        What the figure shows, for the help.
+    """
     parser.add_argument(
         "--plot", metavar="FILE", type=Path, help=f"draw {about} (.png, .svg, .pdf, ...)"
     )
 
 
 def save_plot(figure: Figure, options: argparse.Namespace) -> None:
-    """Write a figure to the file of ``--plot``."""
+    """Write a figure to the file of ``--plot``, which must have been used."""
     from pvdf_fem.view.figures import save_figure
 
     save_figure(figure, options.plot)
@@ -34,12 +42,12 @@ def save_plot(figure: Figure, options: argparse.Namespace) -> None:
 def find_output_errors(
     path: Path | None, extensions: Sequence[str], *inputs: Path | str | None
 ) -> list[str]:
-    """Return error messages if an output file cannot be written.
+    """Return an error message if the extension of an output file is unknown or it is not writable.
 
     Parameters
     ----------
     path : Path or None
-        The file, or None if the option is not used.
+        The file to write, or None if the option is not used.
     extensions : sequence of str
         Extensions of the possible formats, such as ``.nc``.
     *inputs : Path or str or None
@@ -48,7 +56,7 @@ def find_output_errors(
     Returns
     -------
     list of str
-        At most one message.
+        At most one message; none if the option is not used.
     """
     if path is None:
         return []
@@ -62,19 +70,19 @@ def find_output_errors(
 
 
 def find_plot_errors(options: argparse.Namespace, *inputs: Path | str | None) -> list[str]:
-    """Return error messages if the file of ``--plot`` cannot be written.
+    """Return an error message if matplotlib cannot write the file of ``--plot``.
 
     Parameters
     ----------
     options : argparse.Namespace
-        Options with `plot`, the path or None.
+        Options with `plot`, the path, or None if the option is not used.
     *inputs : Path or str or None
         Files that must not be overwritten. None is skipped.
 
     Returns
     -------
     list of str
-        At most one message.
+        At most one message; none if the option is not used.
     """
     if options.plot is None:
         return []
@@ -85,17 +93,17 @@ def find_plot_errors(options: argparse.Namespace, *inputs: Path | str | None) ->
 
 
 def print_result(result: Result, as_json: bool) -> None:
-    """Print a result on standard output, as text or as one JSON object.
+    """Print a result on standard output, as one JSON object or as text.
 
-    If a result did not converge, its text is not printed; instead its status, reason and warnings
-    are printed on standard error.
+    If a result did not converge, its status, reason and warnings are printed on standard error
+    instead of the text.
 
     Parameters
     ----------
     result : Result
-        A solution or another result with `to_json`.
+        A solution or another result. The key ``reason`` of its JSON says that it did not converge.
     as_json : bool
-        Whether to print JSON, which is done for all results.
+        Whether to print JSON, also if the result did not converge.
     """
     values = result.to_json()
     if as_json:

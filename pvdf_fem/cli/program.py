@@ -20,7 +20,7 @@ MAX_LINES = 120  #: Maximum number of error messages that are printed, one on ea
 
 
 class ExitCode(IntEnum):
-    """The exit codes of programs."""
+    """The exit codes of programs. CONVERGED is also that of a program that solves nothing."""
 
     CONVERGED = 0
     BAD_INPUT = 2
@@ -55,7 +55,8 @@ def run_program(name: str, job: Callable[[], int]) -> int:
 
     The messages of an exception go to standard error. `InputError`, `FileError`, `SceneError`,
     `GmshMissingError` and `OSError` give `ExitCode.BAD_INPUT`, `NotConvergedError` gives
-    `ExitCode.NOT_CONVERGED`, and Ctrl-C gives `ExitCode.INTERRUPTED`.
+    `ExitCode.NOT_CONVERGED`, and Ctrl-C gives `ExitCode.INTERRUPTED`. A closed pipe gives
+    `ExitCode.BROKEN_PIPE` without a message. Other exceptions are not caught.
 
     Parameters
     ----------
@@ -103,7 +104,10 @@ def run_program(name: str, job: Callable[[], int]) -> int:
 
 
 def print_errors(*messages: str) -> None:
-    """Print at most `MAX_LINES` shortened messages on standard error, one on each line."""
+    """Print at most `MAX_LINES` shortened messages on standard error, one on each line.
+
+    If standard error cannot be written, it is redirected to the null device.
+    """
     lines = [shorten(message) for message in messages[:MAX_LINES]]
     if len(messages) > MAX_LINES:
         lines.append("there are more errors; correct these first")
@@ -114,7 +118,10 @@ def print_errors(*messages: str) -> None:
 
 
 def shorten(message: str) -> str:
-    """Shorten a message to one line of at most `MAX_LINE_LENGTH` printable characters."""
+    """Return a message as one line of at most `MAX_LINE_LENGTH` printable characters.
+
+    A longer message is cut, and then ends with three dots.
+    """
     line = escape_unprintable(message)
     if len(line) <= MAX_LINE_LENGTH:
         return line
@@ -150,7 +157,10 @@ def log_to_stderr(verbosity: int) -> Iterator[None]:
 
 
 def _prepare_streams() -> None:
-    """Let standard output and standard error accept characters that they cannot encode."""
+    """Let standard output and standard error accept characters that they cannot encode.
+
+    If there is no standard error, the null device takes its position.
+    """
     if sys.stderr is None:  # print() would write to standard output instead
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
@@ -159,6 +169,9 @@ def _prepare_streams() -> None:
 
 
 def _discard_output() -> None:
-    """Redirect standard output to the null device, so that flushing it at exit does not fail."""
+    """Redirect standard output to the null device, so that flushing it at exit does not fail.
+
+    A stream that has replaced `sys.stdout`, as in tests, is not changed.
+    """
     if sys.stdout is sys.__stdout__ and sys.stdout is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

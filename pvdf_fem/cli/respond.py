@@ -44,7 +44,7 @@ _MAX_FREQUENCY_HZ = 1e6
 
 
 def add_parser(commands: Any) -> None:
-    """Register the `respond` subcommand."""
+    """Add the parser of ``pvdf-fem respond`` to `commands`, the result of `add_subparsers`."""
     parser = add_scene_command(
         commands,
         "respond",
@@ -58,7 +58,20 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the `respond` subcommand, and return its exit code."""
+    """Print the charges under an oscillating force, and draw them if ``--plot`` is used.
+
+    Returns
+    -------
+    int
+        `ExitCode.CONVERGED`.
+
+    Raises
+    ------
+    InputError
+        If an option or the scene is invalid.
+    NotConvergedError
+        If there is no equilibrium about which the force could oscillate.
+    """
     errors = []
     frequencies = _parse_frequencies(options.frequencies)
     if frequencies is None:
@@ -75,12 +88,15 @@ def run(options: argparse.Namespace) -> int:
         if options.plot:
             save_plot(response.plot(), options)
     finally:  # print the charges even if the figure cannot be written
-        _print(response, options)
+        _print_response(response, options)
     return ExitCode.CONVERGED
 
 
-def _print(response: FrequencyResponse, options: argparse.Namespace) -> None:
-    """Print a frequency response as JSON, as a short table if a plot is drawn, or as CSV."""
+def _print_response(response: FrequencyResponse, options: argparse.Namespace) -> None:
+    """Print a frequency response as JSON, as a short table if a plot is drawn, or else as CSV.
+
+    With CSV, the neglected effects are printed on standard error.
+    """
     if options.json:
         print(json.dumps(response.to_json(), allow_nan=False))
     elif options.plot:
@@ -92,7 +108,13 @@ def _print(response: FrequencyResponse, options: argparse.Namespace) -> None:
 
 
 def _parse_frequencies(span: str) -> Array | None:
-    """Parse the value of ``--frequencies`` to frequencies in Hz; return None if it is invalid."""
+    """Parse a frequency, ``START:END`` or ``START:END:N`` to logarithmically spaced frequencies.
+
+    Returns
+    -------
+    ndarray, shape (n,), or None
+        Frequencies in Hz. None if the text has another form or a number is out of range.
+    """
     import numpy as np
 
     parts = span.split(":")

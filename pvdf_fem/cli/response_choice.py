@@ -32,14 +32,17 @@ _DEFAULT_SIGMA = "0.01"
 
 
 def add_response_options(parser: argparse.ArgumentParser, tolerance: str | None = None) -> None:
-    """Add the options that choose the file of a response, or describe the response to be built.
+    """Add the options that choose the file of a response or describe the response to be built.
+
+    These are the options that `ResponseChoice.from_options` reads, without ``--sigma``.
 
     Parameters
     ----------
     parser : argparse.ArgumentParser
-        The parser of the subcommand.
+        Parser of a subcommand, to which the options are added.
     tolerance : str, optional
-        Default of ``--tolerance``. Without it, the default is the scene's value.
+        Default of ``--tolerance``. By default the option is None, and the tolerance is that of the
+        scene or follows from the noise of the readings.
     """
     parser.add_argument(
         "--model",
@@ -78,13 +81,16 @@ class ResponseChoice:
     file : Path or None
         The file of ``--model``, or None without this option.
     reach_mm : float or None
-        Maximum distance of the probe from the film's centre in mm. None for the scene's value.
+        Maximum distance of the probe from the film's centre in mm. None for the value in the
+        scene's table [model], or its default.
     force_range_N : tuple of float, length 2, or None
-        Minimum and maximum force in N. None for the scene's values.
+        Minimum and maximum force in N. None for the values in [model], or their defaults.
     tolerance : float or None
-        Maximum relative error of a charge. None for the scene's value.
+        Maximum error of a charge, relative to the charge. None for the value in [model], or its
+        default.
     sigma : float
-        Relative standard deviation of readings, from which the default tolerance is computed.
+        Standard deviation of a reading, relative to its value, from which the default tolerance is
+        computed.
     progress : bool or None
         Whether builds show their progress. None shows it on a terminal only.
     """
@@ -98,20 +104,21 @@ class ResponseChoice:
 
     @classmethod
     def from_options(cls, options: argparse.Namespace, errors: list[str]) -> ResponseChoice:
-        """Parse the options of `add_response_options`.
+        """Parse the texts of the options that `add_response_options` has added.
 
         Parameters
         ----------
         options : argparse.Namespace
-            Options of `add_response_options`, and `sigma` if the subcommand has this option.
+            These options, and `sigma` if the subcommand has this option.
         errors : list of str
-            Error messages; those about invalid values are appended. The subcommand itself reports
-            an invalid ``--sigma``.
+            Error messages, to which those about invalid values are appended. The subcommand itself
+            reports an invalid ``--sigma``.
 
         Returns
         -------
         ResponseChoice
-            Must not be used if there are errors.
+            Its `sigma` is 0.01 if ``--sigma`` does not exist, is zero or is invalid. If messages
+            were appended, it must not be used.
         """
         reach_mm = parse_optional_number("--reach", options.reach, errors)
         force_range_N = _parse_force_range(options.force_range, errors)
@@ -128,10 +135,9 @@ class ResponseChoice:
         )
 
     def resolve_settings(self, scene: Scene) -> tuple[Domain, float]:
-        """Return the domain of touches that the response must cover, and its tolerance.
+        """Return the reach and the forces that the response must cover, and its tolerance.
 
-        Options take precedence over the scene's table [model], which takes precedence over the
-        defaults.
+        Options take precedence over the scene's table [model], and this table over the defaults.
         """
         from pvdf_fem.surrogate.touch_domain import resolve_response_settings
 
@@ -143,23 +149,21 @@ class ResponseChoice:
         return domain, tolerance if self.tolerance is None else self.tolerance
 
     def find_path(self, scene: Scene, scene_file: str) -> Path:
-        """Return the path of the response file to load or to write.
-
-        This is the file of ``--model``; without it, the default file of exactly this response;
-        if that does not exist, the first usable file beside the scene file; if there is none, the
-        default file.
+        """Return the path of the response file to load, or to write if it does not exist.
 
         Parameters
         ----------
         scene : Scene
-            The sensor.
+            The sensor of which the response is needed.
         scene_file : str
-            Path of the scene's file.
+            Path of its scene file.
 
         Returns
         -------
         Path
-            The file does not exist if the response has to be built.
+            The file of ``--model``. Without this option, the file that would be written for exactly
+            these settings, if it exists; else the first file beside the scene file whose response
+            can be used; else the file that would be written.
         """
         from pvdf_fem.surrogate.response_key import make_response_key
 
@@ -175,28 +179,31 @@ class ResponseChoice:
         return own
 
     def list_files(self, scene: Scene, scene_file: str) -> Iterator[tuple[Path, str]]:
-        """Yield the response files beside a scene file.
+        """Yield the response files beside a scene file that have its name, sorted by path.
 
         Parameters
         ----------
         scene : Scene
-            The sensor.
+            The sensor of which the response is needed.
         scene_file : str
-            Path of the scene's file.
+            Path of its scene file.
 
         Yields
         ------
         path : Path
-            A response file.
+            A response file, ``SCENE-*.response``.
         reason : str
-            Reason why it cannot be used, or an empty text if it can.
+            Reason why its response cannot be used, or an empty text if it can.
         """
         stem = Path(scene_file).stem
         for path in sorted(Path(scene_file).parent.glob(f"{stem}-*.response")):
             yield path, self._explain_rejection(path, scene, scene_file)
 
     def _explain_rejection(self, path: Path, scene: Scene, scene_file: str) -> str:
-        """Return the reason why a response file cannot be used for a scene, or an empty text."""
+        """Return the reason why a response file cannot be used for a scene, or an empty text.
+
+        The reason continues a sentence that begins with the file, such as "is of another film".
+        """
         from pvdf_fem.surrogate.response import Response
         from pvdf_fem.surrogate.response_key import make_mechanical_key, make_response_key
 
@@ -217,24 +224,24 @@ class ResponseChoice:
         return ""
 
     def find_errors(self, scene: Scene, scene_file: str) -> list[str]:
-        """Return error messages if a new response would be needed but could not be built.
+        """Return an error message if a response has to be built and ``--reach`` is beyond the rim.
 
         Parameters
         ----------
         scene : Scene
-            The sensor.
+            The sensor of which the response is needed.
         scene_file : str
-            Path of the scene's file.
+            Path of its scene file.
 
         Returns
         -------
         list of str
-            Empty if the response file exists, since its reach and forces are then used.
+            At most one message, and no message if the response file exists: its reach is used.
 
         Raises
         ------
         FileError
-            If the response file cannot be written.
+            If the response file does not exist and cannot be written.
         """
         path = self.find_path(scene, scene_file)
         if path.is_file():
@@ -255,15 +262,15 @@ def load_or_build_response(
 ) -> Response:
     """Load the response of a scene from its file, or build it and write the file.
 
-    A response that is evaluated for other electrodes, d31 or d32 is also written to a file, unless
-    ``--model`` is used.
+    A stored response with other electrodes, d31 or d32 is evaluated for those of the scene, and
+    the result replaces the file, unless ``--model`` is used or the file cannot be written.
 
     Parameters
     ----------
     scene : Scene
-        The sensor.
+        The sensor of which the response is needed.
     scene_file : str
-        Path of the scene's file.
+        Path of its scene file.
     choice : ResponseChoice
         Options that describe the response.
     as_stored : bool
@@ -272,18 +279,19 @@ def load_or_build_response(
     Returns
     -------
     Response
-        Response for the electrodes of the scene, unless `as_stored` is used.
+        Response for the electrodes of the scene, or with `as_stored` perhaps for others.
 
     Raises
     ------
     InputError
-        If the response in the file is for another film or probe, or if it cannot be read.
+        If the response in the file is for another film or probe, if the file cannot be read or
+        written, or if the arguments of a build are invalid.
     NotConvergedError
-        If the response has to be built and one of the solves fails.
+        If the response has to be built, or evaluated for other electrodes, and solves fail.
     """
     from pvdf_fem.log import logger
     from pvdf_fem.surrogate.response import Response
-    from pvdf_fem.surrogate.response_key import has_same_readout, require_same_mechanics
+    from pvdf_fem.surrogate.response_key import gives_same_charges, require_same_mechanics
     from pvdf_fem.surrogate.touch_domain import centre_probe
 
     path = choice.find_path(scene, scene_file)
@@ -295,11 +303,12 @@ def load_or_build_response(
         require_same_mechanics(stored.scene, scene)
         if as_stored:
             return stored
-        if not has_same_readout(stored.scene, scene):
+        if not gives_same_charges(stored.scene, scene):
             print(f"evaluating {path} for other electrodes, d31 or d32", file=sys.stderr)
         response = stored.for_scene(scene, progress=choice.progress)
     except ValueError as error:
         raise ValueError(f"--model {path}: {error}, or name another file") from error
+    # for_scene() computes another spline only for other electrodes, d31 or d32
     is_new = response.spline is not stored.spline
     if is_new and not choice.file:
         with suppress(FileError):  # if it cannot be written, it is evaluated again next time
@@ -308,18 +317,32 @@ def load_or_build_response(
 
 
 def _build_response(scene: Scene, scene_file: str, choice: ResponseChoice, path: Path) -> Response:
-    """Build the response of a scene, write it to `path`, and report the steps on standard error.
+    """Build the response of a scene, and write it to `path`.
+
+    Standard error gets the settings, the reasons why existing files cannot be used, the progress,
+    and the notes of the response.
 
     Parameters
     ----------
     scene : Scene
-        The sensor.
+        The sensor of which the response is needed.
     scene_file : str
-        Path of the scene's file.
+        Path of its scene file.
     choice : ResponseChoice
         Options that describe the response.
     path : Path
-        The file to write.
+        The response file to write.
+
+    Returns
+    -------
+    Response
+        The response with the probe, readout and stage of the scene. The response in the file has
+        its probe in the centre of the film.
+
+    Raises
+    ------
+    NotConvergedError
+        If solves fail. The message asks for a smaller ``--reach`` or ``--force-range``.
     """
     from pvdf_fem.surrogate.response_builder import build_response
     from pvdf_fem.surrogate.touch_domain import centre_probe
@@ -331,7 +354,7 @@ def _build_response(scene: Scene, scene_file: str, choice: ResponseChoice, path:
         for other, reason in choice.list_files(scene, scene_file):
             print(f"  {other.name} cannot be used: it {reason}", file=sys.stderr)
     try:
-        with show_progress("s of one core", choice.progress) as show:
+        with show_progress("CPU seconds", choice.progress) as show:
             response = build_response(
                 centre_probe(scene),
                 domain.reach_mm,
@@ -352,31 +375,46 @@ def _build_response(scene: Scene, scene_file: str, choice: ResponseChoice, path:
 
 
 class _EstimatedProgress:
-    """A `Progress` that also prints the expected duration of a build, at its first call."""
+    """A `Progress` that also prints the expected CPU time of a build, at its first call.
+
+    Parameters
+    ----------
+    show : callable
+        The `Progress` to which all calls are passed on.
+    """
 
     def __init__(self, show: Progress) -> None:
         self.show = show
         self.has_estimate = False
 
     def __call__(self, done: float, total: float) -> None:
-        """Show finished and total work, both in seconds of one core."""
+        """Print the expected CPU time if this is the first call, and show the progress.
+
+        Parameters
+        ----------
+        done, total : float
+            CPU time of the finished work, and expected CPU time of the whole build, in s.
+        """
         if not self.has_estimate:
             duration = format_remaining_time(total)
-            print(f"  this takes {duration} of one core, by the first solves", file=sys.stderr)
+            print(f"  this takes {duration} of CPU time, by the first solves", file=sys.stderr)
             self.has_estimate = True
         self.show(done, total)
 
 
 def _make_default_path(scene_file: str, key: str) -> Path:
-    """Return the default path of a response: beside the scene file, with a part of its key."""
+    """Return the default path of a response file: beside the scene file, with its name.
+
+    The beginning of `key`, a hash of all that determines the response, makes the path unique.
+    """
     return Path(scene_file).with_name(f"{Path(scene_file).stem}-{key[:16]}.response")
 
 
 def _parse_force_range(text: str | None, errors: list[str]) -> tuple[float, float] | None:
     """Parse the minimum and maximum force in N of ``--force-range``.
 
-    Returns None if the option is not used or invalid. In the latter case a message is added to
-    `errors`.
+    Returns None if the option is not used, or if its value is invalid. A message about an invalid
+    value is added to `errors`.
     """
     if text is None:
         return None

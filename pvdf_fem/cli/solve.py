@@ -40,7 +40,7 @@ _DEFAULT_QUANTITY = "deflection"
 
 
 def add_parser(commands: Any) -> None:
-    """Register the `solve` subcommand."""
+    """Add the parser of ``pvdf-fem solve`` to `commands`, the result of `add_subparsers`."""
     parser = add_scene_command(
         commands,
         "solve",
@@ -76,7 +76,23 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the `solve` subcommand, and return its exit code."""
+    """Solve a scene, print its charges, and write the files of ``--vtu`` and ``--plot``.
+
+    With ``--plan`` the resolved problem is printed instead, and nothing is solved.
+
+    Returns
+    -------
+    int
+        `ExitCode.CONVERGED`, or `ExitCode.NOT_CONVERGED` if there are no charges. No file is
+        written in the latter case.
+
+    Raises
+    ------
+    InputError
+        If an option or the scene is invalid.
+    FileError
+        If a file cannot be written. The charges have been printed nevertheless.
+    """
     errors = find_output_errors(options.vtu, [".vtu"], options.scene, options.mesh)
     errors += find_plot_errors(options, options.scene, options.mesh, options.vtu)
     if options.quantity is not None and not options.plot:

@@ -24,7 +24,7 @@ exit codes: 0 printed, 2 no example of this name"""
 _KEYS = """\
 Print a scene file with every key: its meaning, its range, and its default or an
 example. With words, print only the keys in whose names or meanings a word begins
-with each of them."""
+with at least one of them."""
 
 _KEYS_EPILOG = """\
 examples:
@@ -35,7 +35,7 @@ exit codes: 0 printed, 2 no key has such a word"""
 
 
 def add_parser(commands: Any) -> None:
-    """Register the `example` and `keys` subcommands."""
+    """Add the parsers of ``pvdf-fem example`` and ``keys`` to `commands`."""
     example = add_command(
         commands,
         "example",
@@ -61,7 +61,13 @@ def add_parser(commands: Any) -> None:
 
 
 def _print_example(options: argparse.Namespace) -> int:
-    """Print an example, or without a name the list of all examples with their first lines."""
+    """Print the text of an example, or without a name all names with the first lines.
+
+    Raises
+    ------
+    SceneError
+        If there is no example of this name.
+    """
     examples = read_examples()
     if options.name is not None:
         print(get_example_text(options.name, examples), end="")
@@ -74,7 +80,15 @@ def _print_example(options: argparse.Namespace) -> int:
 
 
 def _print_keys(options: argparse.Namespace) -> int:
-    """Print the texts of all keys, or of the keys in which one of the words occurs."""
+    """Print a scene file with all keys, or the texts of the keys that match one of the words.
+
+    A key matches if a word of its table, its name or its text begins with the word searched for.
+
+    Raises
+    ------
+    InputError
+        If no key matches.
+    """
     if not options.words:
         print(read_examples()["four_electrodes"], end="")
         return ExitCode.CONVERGED

@@ -49,9 +49,10 @@ class AirLoad:
 
     @classmethod
     def from_equilibrium(cls, equilibrium: Equilibrium) -> AirLoad:
-        """Compute the air load of a film; zero for a scene without air.
+        """Compute the air load of a film.
 
         The functions phi_mn are used up to the degree m + 2 n that the largest element resolves.
+        Without air in the scene, `root` and `radiation` are zero, but `volume` is not.
 
         Parameters
         ----------
@@ -68,8 +69,8 @@ class AirLoad:
         every_element = np.arange(space.mesh.nelements)
         points, values, weights = space.make_quadrature(every_element, order)
 
-        # Matrix that integrates functions, known at the quadrature points, times the deflection
-        # per unit of each unknown.
+        # The matrix `integrate` maps the values of a function at the quadrature points to its
+        # integrals over the film, weighted with the deflection per unit of each unknown.
         columns_of_points = np.repeat(np.arange(weights.size), values.shape[2])
         nodes = np.repeat(space.nodes, weights.shape[1], axis=0).ravel()
         entries = (values * weights[..., None]).ravel()

@@ -50,7 +50,9 @@ class LoadedSolution(NamedTuple):
 
 
 def resolve_loaded_solution(solution: Solution | SceneLike) -> LoadedSolution:
-    """Check that the motion about a scene can be linearised, and solve it if necessary.
+    """Check that the motion about a scene can be linearised, and return its solution and channels.
+
+    The scene is solved unless its solution is given.
 
     Parameters
     ----------
@@ -88,7 +90,9 @@ def label_in_pC(solution: Solution, charges: Any) -> dict[str, Any]:
 
 
 def describe_neglected_effects(solution: Solution) -> tuple[str, ...]:
-    """Describe the effects that the linearised motion about a solution neglects.
+    """Describe the effects that a solution and the linearised motion about it neglect.
+
+    For the motion these are the mass of air, the damping by the film and the damping by sound.
 
     Notes
     -----

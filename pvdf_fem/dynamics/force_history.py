@@ -35,7 +35,7 @@ def step(force_N: float, duration_s: float = math.inf) -> ForceHistory:
     Returns
     -------
     tuple of SwitchedExponential
-        The two terms of the force.
+        Two terms: the force, and the opposite force from the end of the duration on.
 
     Examples
     --------

@@ -44,7 +44,7 @@ class FrequencyResponse(ChargeChanges):
     neglected: tuple[str, ...]  #: Descriptions of the neglected effects, with their sizes.
 
     def plot(self) -> Figure:
-        """Plot the amplitudes of the charges with the resonances, and phases of a damped film."""
+        """Plot the amplitudes of the charges with the resonances, and their phases if damped."""
         from pvdf_fem.view.charts.vibration import draw_frequency_response
 
         return draw_frequency_response(
@@ -52,7 +52,10 @@ class FrequencyResponse(ChargeChanges):
         )
 
     def columns(self) -> dict[str, Array]:
-        """Return the columns of the table that `pvdf-fem respond` prints."""
+        """Return frequencies, real and imaginary parts of charges and readings, and errors by name.
+
+        `pvdf-fem respond` prints the table of these columns.
+        """
         columns = {"frequency_Hz": self.frequencies_Hz}
         for name, charges in self.charges_pC_N.items():
             columns[f"{name}_real_pC_N"] = charges.real
@@ -81,7 +84,8 @@ def respond(
     frequencies_Hz : array_like
         One or several frequencies, which may be zero.
     refined : bool, optional
-        Whether to add frequencies close to the resonances.
+        Whether to sort the frequencies and to add some close to the resonances between the lowest
+        and the highest one.
     progress : callable or bool, optional
         Function that is called with the number of Ritz vectors so far and their maximum number, for
         each of two bases, or whether to show these. Often few vectors suffice.

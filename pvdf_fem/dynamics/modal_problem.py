@@ -139,7 +139,10 @@ class ModalProblem:
         return loop.run()
 
     def choose_first_sizes(self) -> GradedSizes:
-        """Choose and store element sizes whose error is half the tolerance for the flat film."""
+        """Choose and store element sizes whose error is half the tolerance for the flat film.
+
+        Elements at probes, and at the rim of a film that bends, are smaller if necessary.
+        """
         scene = self.problem.scene
         tolerance = scene.numerics.tolerance
         wavelengths = (0.5 * tolerance / FLAT_ERROR) ** (1.0 / ERROR_ORDER)
@@ -161,7 +164,8 @@ class ModalProblem:
     ) -> GradedSizes:
         """Choose and store element sizes whose error would be the tolerance, by extrapolation.
 
-        The sizes are scaled by a factor between 0.25 and 0.8.
+        The sizes are scaled by a factor between 0.25 and 0.8. They are larger than the error
+        requires if the mesh would have more than `max_unknowns` unknowns.
 
         Parameters
         ----------
@@ -170,7 +174,7 @@ class ModalProblem:
         tolerance : float
             Desired relative error of the frequencies.
         max_unknowns : float
-            Maximum number of unknowns of the next mesh.
+            Rough maximum number of unknowns of the next mesh.
         """
         assert self.sizes is not None
         by_error = (tolerance / level.worst) ** (1.0 / ERROR_ORDER)
@@ -180,6 +184,8 @@ class ModalProblem:
 
     def solve_modes_on(self, mesh: MeshTri2, coarser: ModalLevel | None) -> ModalLevel:
         """Solve for the modes on a mesh, with their errors from elements of the next order.
+
+        If there is no equilibrium or there are no modes, the status of the level says why.
 
         Parameters
         ----------
@@ -227,7 +233,7 @@ class ModalProblem:
 
 
 def _is_slack(equilibrium: Equilibrium) -> bool:
-    """Return whether a flat film without bending has no stiffness in some direction."""
+    """Return whether a flat film has no tension in some direction; False if it resists bending."""
     if equilibrium.model.bends:
         return False
     min_stress = equilibrium.film.prestress[:2].min()
@@ -235,7 +241,15 @@ def _is_slack(equilibrium: Equilibrium) -> bool:
 
 
 def _make_budget(problem: Problem, default_unknowns: int = 180_000) -> Budget:
-    """Make the budget of a modal problem; its default of unknowns is the same at any tolerance."""
+    """Make the budget of a modal problem, whose number of unknowns limits the first mesh, too.
+
+    Parameters
+    ----------
+    problem : Problem
+        Film with the limits in ``[numerics]`` of its scene.
+    default_unknowns : int, optional
+        Maximum number of unknowns if the scene does not give one.
+    """
     max_unknowns = problem.scene.numerics.max_unknowns or default_unknowns
     return replace(Budget.for_problem(problem), max_unknowns=max_unknowns, bounds_first_mesh=True)
 

@@ -40,7 +40,10 @@ SOLVES_PER_MODE = 8
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Modes(Result):
-    """Lowest modes of a film, or the reason why there are none."""
+    """Lowest modes of a film, or the reason why there are none.
+
+    Unless the status is ``CONVERGED``, frequencies, shapes and `basis` raise NotConvergedError.
+    """
 
     scene: Scene
     loaded: bool  #: Whether the film vibrates about its loaded equilibrium, not the flat state.
@@ -53,7 +56,7 @@ class Modes(Result):
 
     @property
     def spectra(self) -> Mapping[str, Spectrum]:
-        """Spectra in `VACUUM` and, with ``[air]``, in `AIR`, with the modes as unknowns.
+        """Frequencies, errors and eigenvectors in `VACUUM` and, with ``[air]``, in `AIR`.
 
         Raises
         ------
@@ -68,7 +71,7 @@ class Modes(Result):
     def frequencies_Hz(self) -> Array:
         """Lowest frequencies in vacuum in ascending order.
 
-        A frequency that belongs to two modes is there twice.
+        A frequency that belongs to two modes is repeated.
 
         Returns
         -------
@@ -152,7 +155,10 @@ class Modes(Result):
         return Summary(self.status, [sentence], tables=tables, notes=notes)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the dict that `pvdf-fem modes --json` prints; no frequencies unless converged."""
+        """Return the dict that `pvdf-fem modes --json` prints.
+
+        It has a reason instead of frequencies if the status is not ``CONVERGED``.
+        """
         values: dict[str, Any] = {"status": str(self.status)}
         if self.status is Status.CONVERGED:
             values["unknowns"] = self.spectra[VACUUM].equilibrium.unknowns.count
@@ -259,7 +265,7 @@ def modes(
 
 
 def _keep_rigid_probes(scene: Scene) -> Scene:
-    """Return a copy of the scene with only its rigid probes, without loads and heat.
+    """Return a copy of the scene with only its rigid probes, without their forces and heat.
 
     Rigid probes constrain the film even without a load; other probes have no effect on a flat film.
     """

@@ -128,7 +128,7 @@ class MotionEquations:
         frequencies_Hz : ndarray, shape (n,)
             Frequencies of the force.
         at_once : int, optional
-            Number of frequencies to solve together, which limits the memory.
+            Maximum number of frequencies to solve together, which limits the memory.
 
         Returns
         -------
@@ -137,7 +137,7 @@ class MotionEquations:
         """
         if len(frequencies_Hz) > at_once:
             chunks = np.array_split(frequencies_Hz, len(frequencies_Hz) // at_once + 1)
-            return np.concatenate([self.compute_charges(chunk) for chunk in chunks])
+            return np.concatenate([self.compute_charges(chunk, at_once) for chunk in chunks])
         omega = 2.0 * np.pi * frequencies_Hz[:, None, None]
         sound = self.radiation * np.outer(self.volume, self.volume)
         stiffness = self.stiffness + 1j * self.loss_tangent * self.elastic
@@ -147,6 +147,8 @@ class MotionEquations:
 
     def find_resonances_Hz(self, highest_Hz: float) -> Array:
         """Compute the undamped resonances of dense equations up to a highest frequency.
+
+        Eigenvalues that are not positive have no resonance and are left out.
 
         Returns
         -------
@@ -165,7 +167,7 @@ class MotionEquations:
         max_vectors: int = 426,
         test_count: int = 24,
     ) -> MotionEquations:
-        """Reduce the equations to as many Ritz vectors as accurate charges require.
+        """Project the equations onto Ritz vectors, and add vectors until the charges converge.
 
         Parameters
         ----------
@@ -177,7 +179,9 @@ class MotionEquations:
             Maximum change of a charge due to the last fifth of the vectors, relative to the sum of
             the magnitudes of this charge and of the largest static charge.
         max_vectors : int, optional
-            Maximum number of vectors.
+            Maximum number of vectors. The charges are tested only with 16 vectors and then each
+            time their number has grown by a quarter: with 20, 25, 31, ..., 340, 425 vectors. The
+            default stops after the test with 425, since the next would need 531 vectors.
         test_count : int, optional
             Number of the frequencies at which the charges are tested for convergence.
 
@@ -189,10 +193,11 @@ class MotionEquations:
         Raises
         ------
         NotConvergedError
-            If the charges have not converged with the maximum number of vectors.
+            If the charges have not converged in the last test with at most `max_vectors` vectors.
         """
         indices = np.linspace(0, len(frequencies_Hz) - 1, test_count).round().astype(int)
         tested_Hz = np.sort(frequencies_Hz)[indices]
+        # The first test compares with zero charges, so that at least two tests are needed.
         charges: Any = np.zeros((1, 1), dtype=complex)
         vectors: Any = np.empty((len(self.force), 0))
         next_comparison = FIRST_COMPARISON
@@ -214,14 +219,17 @@ class MotionEquations:
         )
 
     def _iterate_ritz_vectors(self, max_vectors: int) -> Iterator[Any]:
-        """Yield arrays of the first 1, 2, 3, ... Ritz vectors, of shape (unknowns, n).
-
-        They are views of one array, orthonormal with respect to the mass.
+        """Yield the first 1, 2, 3, ... Ritz vectors, orthonormal with respect to the mass.
 
         Parameters
         ----------
         max_vectors : int
-            Number of vectors to compute at most.
+            Number of Ritz vectors after which the iteration ends.
+
+        Yields
+        ------
+        ndarray, shape (unknowns, n)
+            View of an array to which the next vectors are added; complex if the film has losses.
         """
         stiffness = self.stiffness
         if self.loss_tangent:
@@ -252,7 +260,7 @@ class LinearisedMotion(NamedTuple):
 
 
 def linearise_about(solution: Solution) -> LinearisedMotion:
-    """Linearise the motion about a solution and about the solution of the next element order.
+    """Linearise the motion about a solution, and about its correction in the next element order.
 
     Raises
     ------
@@ -282,8 +290,10 @@ def _assemble_elastic_stiffness(equilibrium: Equilibrium, state: State) -> Any:
     space, membrane = equilibrium.space, equilibrium.membrane
     film_terms = [term for term in equilibrium.terms if not isinstance(term, LoadTerm)]
     film = equilibrium.with_terms(film_terms)
-    # Membrane tension times quadrature weights, shape (elements, points, 2, 2).
-    tension = (state.stress * membrane.volumes[..., None])[..., [[0, 2], [2, 1]]]
+    # Membrane tension times quadrature weights. Its components 11, 22, 12 become a matrix of the
+    # shape (elements, points, 2, 2).
+    weighted_stress = state.stress * membrane.volumes[..., None]
+    tension = weighted_stress[..., [[0, 2], [2, 1]]]
     gradients = space.gradients
     products = np.matmul(np.matmul(gradients, tension), gradients.swapaxes(2, 3))
     geometric = equilibrium.assembly.matrix(space.expand_to_components(products.sum(axis=1)))

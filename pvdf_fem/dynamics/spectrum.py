@@ -55,7 +55,7 @@ class Spectrum:
 
     @property
     def shapes(self) -> Array:
-        """Displacements u, v, w of the modes, scaled as `Modes.shapes`.
+        """Displacements u, v, w of the modes, see `Modes.shapes` for their scale.
 
         Returns
         -------
@@ -80,7 +80,7 @@ def compute_spectra(
     coarse : EquilibriumState
         Equilibrium of the film whose modes are computed.
     rich : EquilibriumState
-        The same in elements of the next order on the same mesh, for the errors.
+        Equilibrium of this film in elements of the next order on the same mesh, for the errors.
     count : int
         Number of modes.
     on_solve : callable, optional
@@ -127,7 +127,7 @@ def _compute_spectrum(
     coarse : EquilibriumState
         Equilibrium of the film whose modes are computed.
     rich : EquilibriumState
-        The same in elements of the next order.
+        Equilibrium of this film in elements of the next order.
     pencil : Pencil
         Stiffness and mass of the coarse state.
     rich_pencil : Pencil
@@ -177,7 +177,7 @@ def _compute_spectrum(
 
 
 def assemble_pencil(equilibrium: Equilibrium, q: Array) -> Pencil:
-    """Assemble the tangent stiffness and the mass of a film, including the mass of its layers.
+    """Assemble the tangent stiffness and the mass of a film with its layers, without air.
 
     Parameters
     ----------

@@ -114,7 +114,8 @@ def transient(
     errors = np.abs(_sum_modes(next_order, terms, times) - charges)
     readings = {}
     for i, channel in enumerate(channels):
-        readings[channel.name] = _compute_readings(channel, modes, terms, times)[i]
+        readings_of_electrodes = _compute_readings(channel, modes, terms, times)
+        readings[channel.name] = readings_of_electrodes[i]
     return Transient(
         solution,
         times,
@@ -126,7 +127,10 @@ def transient(
 
 
 def _coerce_force_history(force_history: Any) -> ForceHistory:
-    """Convert the terms of a force to `SwitchedExponential`; raise ValueError if invalid."""
+    """Convert the terms of a force to `SwitchedExponential`.
+
+    ValueError is raised unless the force is a tuple of at least one term, each with three entries.
+    """
     is_history = isinstance(force_history, tuple) and len(force_history) > 0
     if not is_history or any(np.shape(term) != (3,) for term in force_history):
         reason = "must be a force as a function of time; give half_sine(...) or step(...)"
@@ -152,6 +156,11 @@ def _compute_damped_modes(equations: MotionEquations, tested_Hz: Array) -> Dampe
         Equations of the film.
     tested_Hz : ndarray, shape (n,)
         Frequencies at which the reduced equations must give accurate charges.
+
+    Raises
+    ------
+    NotConvergedError
+        If the frequencies are too high for the reduced basis.
 
     Notes
     -----

@@ -50,8 +50,9 @@ def choose_first_sizes(problem: Problem, order: int) -> GradedSizes:
 
     Notes
     -----
-    The size at an outline is proportional to its area over its perimeter, which for a slender shape
-    is half its width; but it is at least a two-hundredth of the perimeter, however thin a needle is.
+    The size at an outline is proportional to its area over its perimeter, which is half the width
+    of a slender shape. It is at least a two-hundredth of the perimeter, so that a thin needle does
+    not need more elements than that.
 
     A scene without electrodes is meshed for charges anywhere on the film. Electrodes that cut
     elements have larger errors, so that the mesh is finer at the probe, and farther away.

@@ -48,7 +48,7 @@ _EXTENSIONS = [".nc", ".parquet", ".csv"]
 
 
 def add_parser(commands: Any) -> None:
-    """Register the `dataset` subcommand."""
+    """Add the parser of ``pvdf-fem dataset`` to `commands`, the result of `add_subparsers`."""
     parser = add_scene_command(
         commands,
         "dataset",
@@ -95,7 +95,20 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the `dataset` subcommand, and return its exit code."""
+    """Write random touches with their readings to the file of ``--output``.
+
+    The response is loaded from its file, or built first.
+
+    Returns
+    -------
+    int
+        The exit code.
+
+    Raises
+    ------
+    InputError
+        If an option or the scene is invalid. The exception lists the errors that were found.
+    """
     errors: list[str] = []
     sigma = parse_number("--sigma", options.sigma, errors, allow_zero=True)
     noise_pC = parse_optional_number("--noise", options.noise, errors, allow_zero=True)
@@ -107,8 +120,8 @@ def run(options: argparse.Namespace) -> int:
     scene = read_scene(options, *errors)
     from pvdf_fem.studies.touch_dataset import dataset, find_request_errors, write_dataset
 
-    count = _to_integer(options.touches)
-    seed = _to_integer(options.seed)
+    count = _convert_digits(options.touches)
+    seed = _convert_digits(options.seed)
     errors = list(find_request_errors(scene, count, seed, sigma, noise_pC, options.reading))
     errors += choice.find_errors(scene, options.scene)
     if errors:
@@ -128,9 +141,9 @@ def run(options: argparse.Namespace) -> int:
     return ExitCode.CONVERGED
 
 
-def _to_integer(text: str) -> Any:
-    """Convert a text of digits to an integer; return any other text unchanged.
+def _convert_digits(text: str) -> Any:
+    """Convert a text of digits to an integer, and return any other text unchanged.
 
-    `find_request_errors` then reports it.
+    `find_request_errors` reports a number of touches or a seed that is still a text.
     """
     return int(text) if text.isdecimal() else text

@@ -53,7 +53,7 @@ table of start, stop, count and spacing.
 
 exit codes: 0 done, 2 bad input, 3 a film without a response"""
 
-#: Headings of the printed columns.
+#: Headings of the printed columns, by their names in the result of `make_table`.
 _HEADINGS = {
     "place_deviation_median_mm": "place (mm)",
     "place_deviation_worst_mm": "worst",
@@ -61,7 +61,7 @@ _HEADINGS = {
     "force_deviation_worst": "worst",
     "ambiguous_share": "ambiguous",
 }
-#: Keys of the JSON object, and the attributes of the dataset with their values.
+#: Keys of the JSON object, with the attributes of the dataset that contain their values.
 _JSON_KEYS = {
     "noise": "sigma",
     "noise_pC": "noise_pC",
@@ -71,7 +71,7 @@ _JSON_KEYS = {
 
 
 def add_parser(commands: Any) -> None:
-    """Register the `design` subcommand."""
+    """Add the parser of ``pvdf-fem design`` to `commands`, the result of `add_subparsers`."""
     parser = add_scene_command(
         commands,
         "design",
@@ -114,7 +114,20 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the `design` subcommand, and return its exit code."""
+    """Print how well each design determines touches, and write the files of the options.
+
+    The responses that the designs need are loaded from their files, or built first.
+
+    Returns
+    -------
+    int
+        The exit code.
+
+    Raises
+    ------
+    InputError
+        If an option or the scene is invalid. The exception lists the errors that were found.
+    """
     errors: list[str] = []
     vary = _parse_variations(options.vary, errors)
     sigma = parse_number("--sigma", options.sigma, errors, allow_zero=True)
@@ -137,7 +150,8 @@ def run(options: argparse.Namespace) -> int:
         _check_films(films, choice, options)
 
         def provide_response(film: Scene) -> Response:
-            if film == films[0]:  # all arguments are valid by now
+            # design() checks its arguments before it asks for the first response
+            if film == films[0]:
                 print(study, file=sys.stderr)
             return load_or_build_response(film, options.scene, choice, as_stored=True)
 
@@ -157,7 +171,25 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check_films(films: list[Scene], choice: ResponseChoice, options: argparse.Namespace) -> None:
-    """Raise `InputError` if responses of the films could not be built or written."""
+    """Raise an error if the response of a film could not be built or written.
+
+    Parameters
+    ----------
+    films : list of Scene
+        One scene for each response that the designs need.
+    choice : ResponseChoice
+        Options that describe the responses.
+    options : argparse.Namespace
+        Options with `scene`, the path, and `model`, the file of ``--model`` or None.
+
+    Raises
+    ------
+    InputError
+        If a response has to be built and ``--reach`` is beyond the rim, or if ``--model`` names
+        one file for several films.
+    FileError
+        If the file of a response cannot be written.
+    """
     errors: list[str] = []
     for film in films:
         errors += choice.find_errors(film, options.scene)
@@ -168,7 +200,10 @@ def _check_films(films: list[Scene], choice: ResponseChoice, options: argparse.N
 
 
 def _write_designs(data: xarray.Dataset, options: argparse.Namespace) -> None:
-    """Print a table of the designs, and write the files of ``--plot`` and ``--output``."""
+    """Print the designs as a table or as JSON, and write the files of ``--plot`` and ``--output``.
+
+    Without these options, nothing is written.
+    """
     from pvdf_fem.studies.design import find_best_design, make_table
     from pvdf_fem.studies.sweep_dataset import write_netcdf
     from pvdf_fem.view.charts.design import draw_designs
@@ -192,9 +227,10 @@ def _write_designs(data: xarray.Dataset, options: argparse.Namespace) -> None:
 
 
 def _parse_variations(texts: list[str], errors: list[str]) -> dict[str, Any]:
-    """Parse the values of ``--vary``, and return them by key.
+    """Parse the texts ``KEY=VALUES`` of ``--vary``, and return the values by key.
 
-    Messages about invalid texts and repeated keys are added to `errors`.
+    Messages about invalid texts and repeated keys are added to `errors`. The values of an invalid
+    text are an empty list.
     """
     vary: dict[str, Any] = {}
     for text in texts:
@@ -213,14 +249,15 @@ def _parse_variation(text: str, errors: list[str]) -> tuple[str, Any]:
     text : str
         A key with values: separated by commas, a list in brackets, or a table in braces.
     errors : list of str
-        Error messages; those about an invalid text are appended.
+        Error messages, to which those about an invalid text are appended.
 
     Returns
     -------
     key : str
         The dotted key.
     values : list or dict
-        The values, or the table of a range. An empty list if the text is invalid.
+        A list of values, or the table (such as start, stop and count) that describes a range.
+        An empty list if the text is invalid.
     """
     key, _, values = text.partition("=")
     is_list_or_table = values.lstrip()[:1] in ("[", "{")

@@ -7,7 +7,7 @@ from typing import Any
 
 
 def add_processes(parser: Any) -> None:
-    """Add the option ``--processes`` to a parser or argument group; it is None by default."""
+    """Add the option ``--processes``, an integer or None, to a parser or argument group."""
     parser.add_argument(
         "--processes",
         metavar="N",
@@ -18,7 +18,7 @@ def add_processes(parser: Any) -> None:
 
 
 def find_process_errors(options: argparse.Namespace) -> list[str]:
-    """Return an error message in a list if the number of processes is not positive."""
+    """Return a list with an error message if ``--processes`` is below 1, else an empty list."""
     count = options.processes
     if count is None or count >= 1:
         return []

@@ -39,7 +39,7 @@ exit codes: 0 all figures and tables are complete, 2 bad input, 3 some lack char
 
 
 def add_parser(commands: Any) -> None:
-    """Register the `report` subcommand."""
+    """Add the parser of ``pvdf-fem report`` to `commands`, the result of `add_subparsers`."""
     parser = add_command(
         commands,
         "report",
@@ -77,7 +77,18 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the `report` subcommand, and return its exit code."""
+    """Write the page of a report script, and print how many scenes were solved for it.
+
+    Returns
+    -------
+    int
+        `ExitCode.CONVERGED` if all figures and tables are complete, else `ExitCode.NOT_CONVERGED`.
+
+    Raises
+    ------
+    InputError
+        If an option or the script is invalid. The exception lists all errors.
+    """
     from pvdf_fem.report.registry import load_kinds
     from pvdf_fem.report.report import Report
     from pvdf_fem.scene.scene_file import SceneError

@@ -57,7 +57,7 @@ exit codes: 0 all converged, 2 bad input, 3 some scenes have no charges (their
 
 
 def add_parser(commands: Any) -> None:
-    """Register the `sweep` subcommand."""
+    """Add the parser of ``pvdf-fem sweep`` to `commands`, the result of `add_subparsers`."""
     parser = add_command(
         commands,
         "sweep",
@@ -95,7 +95,21 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the `sweep` subcommand, and return its exit code."""
+    """Solve the scenes of a sweep file that are not in the store, and write all charges to a file.
+
+    With ``--plan`` the scenes to be solved are printed instead, and no output is written.
+
+    Returns
+    -------
+    int
+        `ExitCode.CONVERGED` if all scenes have charges, or with ``--plan``. Otherwise, or if the
+        connection to the Dask scheduler is lost, `ExitCode.NOT_CONVERGED`.
+
+    Raises
+    ------
+    InputError
+        If an option, the sweep file or the store is invalid, or if the Dask cluster cannot be used.
+    """
     from pvdf_fem.batch.workers import ClusterError, ClusterLostError
 
     output = options.output or Path(f"{options.sweep.stem}.nc")
@@ -126,19 +140,20 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _read_grid(options: argparse.Namespace, output: Path) -> SceneGrid:
-    """Read the grid of scenes from the sweep file of the options, and validate all options.
+    """Read the sweep file, and validate it with ``--output``, ``--plot`` and ``--processes``.
 
     Parameters
     ----------
     options : argparse.Namespace
         Options of ``pvdf-fem sweep``.
     output : Path
-        The NetCDF file to write.
+        The NetCDF file to write. With ``--plan`` it is checked only if ``--output`` is used.
 
     Raises
     ------
     InputError
-        If options, the grid or its scenes are invalid. The exception lists all errors.
+        If one of these options, the grid or its scenes are invalid. The exception lists the errors
+        that were found.
     """
     from pvdf_fem.scene.scene_file import SceneError
     from pvdf_fem.studies.scene_grid import SceneGrid
@@ -165,14 +180,17 @@ def _read_grid(options: argparse.Namespace, output: Path) -> SceneGrid:
 def _solve_planned_scenes(
     grid: SceneGrid, plan: SweepPlan, store: Store, output: Path, options: argparse.Namespace
 ) -> int:
-    """Solve the planned scenes, write the dataset and the plot, and print a summary.
+    """Solve the planned scenes, and write the charges of all scenes and their plot.
+
+    The size of the dataset is printed unless ``--quiet`` is used. Scenes without charges are
+    always counted by status on standard error.
 
     Parameters
     ----------
     grid : SceneGrid
-        The grid of all scenes.
+        All scenes, also those that are already in the store.
     plan : SweepPlan
-        The blocks of scenes that are not yet in the store.
+        The scenes of the grid that are not yet in the store, in blocks that are solved together.
     store : Store
         Store in which solved scenes are saved.
     output : Path

@@ -21,9 +21,9 @@ from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 @dataclass(frozen=True)
 class PunchTilt:
-    """The tilt of a punch, and the moments with which its guide holds it.
+    """The tilt of a punch, and the moments by which its guide resists the tilt.
 
-    Both are about axes along x and y through the punch's centroid.
+    Each pair has the values about the axes along x and along y through the punch's centroid.
     """
 
     tilt_deg: tuple[float, float]
@@ -81,15 +81,17 @@ class Punch(DeadPressure):
         )
 
     def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
-        """Return the reactions along z at the nodes under the punch, which press on the film.
+        """Return the forces that press on the film: the reactions along z under the punch.
 
-        The reaction at a node is distributed equally to the elements around it.
+        The reaction at a node is distributed equally to the elements of the patch that share it.
         """
         node_count = self.space.basis.N
         nodes = self.space.nodes[self.patch]
         element_counts = np.maximum(np.bincount(nodes.ravel(), minlength=node_count), 1)
-        reactions = (residual + self.forces(state))[2::3][:node_count] / element_counts
-        return ElementForces(self.patch, reactions[nodes].sum(axis=1))
+        # without the load's own forces, the residual is what the punch transmits to the film
+        reactions = (residual + self.forces(state))[2::3][:node_count]
+        reactions_per_element = reactions / element_counts
+        return ElementForces(self.patch, reactions_per_element[nodes].sum(axis=1))
 
     def compute_tilt(self, state: State, residual: Array) -> PunchTilt:
         """Compute the tilt of the punch and the moments of its guide.
@@ -106,5 +108,5 @@ class Punch(DeadPressure):
         _, slope_x, slope_y = np.linalg.lstsq(columns, state.dofs[w], rcond=None)[0]
         tilt_x, tilt_y = np.degrees(np.arctan([slope_y, -slope_x])).tolist()
         reactions = (residual + self.forces(state))[w]
-        about_y, about_x = (1e3 * (reactions @ self._arms)).tolist()
-        return PunchTilt((tilt_x, tilt_y), (about_x, -about_y))
+        sum_x, sum_y = (1e3 * (reactions @ self._arms)).tolist()  # of arm times reaction, in N mm
+        return PunchTilt((tilt_x, tilt_y), (sum_y, -sum_x))

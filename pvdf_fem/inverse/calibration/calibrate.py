@@ -84,7 +84,8 @@ def calibrate(
     Returns
     -------
     Calibration
-        Parameters with their uncertainties, or a status that names the mistake in the touches.
+        Parameters with their uncertainties, or a status and a reason why they cannot be used, such
+        as a mistake in the touches.
 
     Raises
     ------
@@ -116,9 +117,9 @@ def calibrate(
         *_find_scene_errors(scene),
         *_find_choice_errors("reading", reading, tuple(READINGS)),
         *_find_choice_errors("unit", unit, UNITS),
-        *_find_deviation_errors("sigma", sigma),
-        *_find_deviation_errors("noise_pC", *absolute_pC),
-        *_find_deviation_errors("place_sd", place_sd),
+        *_find_invalid_deviation("sigma", sigma),
+        *_find_invalid_deviation("noise_pC", *absolute_pC),
+        *_find_invalid_deviation("place_sd", place_sd),
     ]
     if not sigma and not all(absolute_pC):
         errors.append("sigma = 0: readings have errors; give sigma or noise_pC")
@@ -147,7 +148,20 @@ def calibrate(
 
 
 def _list_noise_pC(scene: Scene, noise_pC: float | Mapping[str, float] | None) -> list[float]:
-    """Return the absolute noise of each channel in nominal pC; None stands for the readout's."""
+    """Return the absolute noise of each channel in nominal pC (V times its capacitance).
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with the electrodes and the readout.
+    noise_pC : float or mapping of str to float, optional
+        Noise of all electrodes or by name. Default: the noise of the scene's readout.
+
+    Raises
+    ------
+    ValueError
+        If an electrode is missing in a mapping, or a value is not a number.
+    """
     channels = make_channels(scene)
     if noise_pC is None:
         return [1e12 * channel.capacitance * channel.noise for channel in channels]
@@ -161,7 +175,7 @@ def _list_noise_pC(scene: Scene, noise_pC: float | Mapping[str, float] | None) -
 
 
 def _find_scene_errors(scene: Scene) -> Iterator[str]:
-    """Find errors of a scene without a single probe, or with a rigid one."""
+    """Yield a message if the scene does not have a single probe, or if the probe is rigid."""
     if scene.single_probe is None:
         yield "probe: is required; add the [probe] that touched the film"
     elif PROBE_LOADS[scene.load.kind].is_rigid:
@@ -170,7 +184,7 @@ def _find_scene_errors(scene: Scene) -> Iterator[str]:
 
 
 def _find_choice_errors(name: str, value: str, allowed: Sequence[str]) -> Iterator[str]:
-    """Find an error of a choice argument: a value that is not among the allowed ones.
+    """Yield a message if the value of an argument is not one of the allowed values.
 
     Parameters
     ----------
@@ -185,8 +199,8 @@ def _find_choice_errors(name: str, value: str, allowed: Sequence[str]) -> Iterat
         yield f"{name} = {value!r}: choose from {', '.join(allowed)}"
 
 
-def _find_deviation_errors(name: str, *values: float) -> Iterator[str]:
-    """Find an error of standard deviations: the first that is negative or not finite."""
+def _find_invalid_deviation(name: str, *values: float) -> Iterator[str]:
+    """Yield a message for the first standard deviation that is negative or not finite, if any."""
     for value in values:
         if not 0.0 <= value < np.inf:
             yield f"{name} = {value:g}: must be a standard deviation; give a number from 0 on"
@@ -194,7 +208,11 @@ def _find_deviation_errors(name: str, *values: float) -> Iterator[str]:
 
 
 def _determine_status(diagnosis: Diagnosis) -> tuple[CalibrationStatus, str]:
-    """Determine the status of a diagnosed fit, and the reason in words."""
+    """Determine the status of a diagnosed fit, and the reason in words.
+
+    If several statuses apply, too few touches come first, then the mistakes that were found, a
+    search that has not converged, and residuals that are too large.
+    """
     fit, corrections = diagnosis
     options = fit.model.options
     count = int(fit.is_used.sum())
@@ -222,7 +240,11 @@ def _determine_status(diagnosis: Diagnosis) -> tuple[CalibrationStatus, str]:
 
 
 def _list_outliers(fit: CalibrationFit, status: CalibrationStatus) -> dict[int, str]:
-    """Return the reasons why touches were not used, by row; rejected ones only if calibrated."""
+    """Return the reasons why touches were not used, by their rows.
+
+    Touches that could not be solved are always listed; touches that the fit rejects as outliers
+    are listed only if the status is ``calibrated``.
+    """
     model = fit.model
     rows = model.table.rows.tolist()
     outliers = {rows[index]: reason for index, reason in model.failures.items()}
@@ -233,7 +255,10 @@ def _list_outliers(fit: CalibrationFit, status: CalibrationStatus) -> dict[int, 
 
 
 def _list_notes(diagnosis: Diagnosis) -> Iterator[str]:
-    """List notes on forces, on parameters far from their priors, on residuals and corrections."""
+    """Yield notes on equal forces, parameters far from the scene's values and large residuals.
+
+    The last notes are the corrections that explain the touches better.
+    """
     fit = diagnosis.fit
     options = fit.model.options
     forces_N: Array = fit.model.table.forces_N

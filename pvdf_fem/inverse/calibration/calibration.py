@@ -40,10 +40,11 @@ class Calibration(Result):
 
     @cached_property
     def scene(self) -> Scene:
-        """Scene with the calibrated parameters.
+        """Copy of the nominal scene with the calibrated parameters and the meaning of the readings.
 
-        Parameters in the scene's ``[uncertain]`` get the standard deviations of the calibration;
-        a pair such as ``film.pretension_N_m`` gets the mean of its two.
+        Calibrated parameters that are in the scene's ``[uncertain]`` get their posterior standard
+        deviations there. A key that stands for two parameters, such as ``film.pretension_N_m``,
+        gets the mean of their standard deviations.
 
         Raises
         ------
@@ -63,9 +64,10 @@ class Calibration(Result):
 
     @cached_property
     def parameters(self) -> dict[str, dict[str, float]]:
-        """Dicts of ``value`` and ``deviation`` by parameter, in the unit of the name; offsets in V.
+        """Fitted value and standard deviation of each parameter, by its name.
 
-        ``deviation`` is the posterior standard deviation.
+        Each parameter has a dict with ``value`` and ``deviation``, the posterior standard
+        deviation. Both are in the unit at the end of the name; those of offsets are in V.
         """
         values = self.fit.values.tolist()
         deviations = np.sqrt(np.diag(self.fit.covariance)).tolist()
@@ -82,7 +84,7 @@ class Calibration(Result):
 
     @property
     def places_mm(self) -> Array:
-        """Corrected positions of the touches on the stage.
+        """Positions x, y of all touches on the stage in mm, with their fitted corrections.
 
         Returns
         -------
@@ -95,12 +97,15 @@ class Calibration(Result):
         """Leave-one-out errors: ``charge``, ``place_mm`` and ``force``.
 
         Each used touch is compared with a fit to the other touches. ``charge`` is the root mean
-        square of the residuals, as a fraction of the root mean square of the readings. ``place_mm``
-        and ``force`` estimate by one Gauss-Newton step how far from its true position and force
-        such a touch would be located: medians over the touches, in mm and relative to the force.
+        square of the residuals, divided by that of the predicted readings. If the touch was located
+        with the sensor fitted to the other touches, it would have an error of the position and of
+        the force, estimated by one Gauss-Newton step. ``place_mm`` and ``force`` are the medians of
+        these errors over the touches, in mm and as a fraction of the force.
         """
         fit = self.fit
         is_used = fit.is_used
+        # The residuals are whitened with the errors of the positions; here they are in the unit of
+        # the readings again, and weighted with the errors of the readings alone.
         whitened = fit.compute_deleted_residuals().residuals[is_used][..., None]
         residuals = fit.whitened.roots[is_used] @ whitened
         weights = 1.0 / fit.deviations[is_used][..., None]
@@ -116,10 +121,11 @@ class Calibration(Result):
 
     @cached_property
     def undetermined(self) -> tuple[str, ...]:
-        """Descriptions of the combinations of parameters that only the priors determine.
+        """Descriptions of the combinations of parameters that are determined mainly by the priors.
 
         In these directions of the parameter space, the standard deviation of the prior is smaller
-        than the one that the readings alone would give.
+        than the one that the readings alone would give. A description names the parameters that
+        contribute most to the direction (`MIN_NAMED_FRACTION`).
         """
         parameters = self.fit.model.parameters
         information = self.fit.information
@@ -189,7 +195,7 @@ class Calibration(Result):
         write_calibration_page(data, self.status, self._repr_html_(), about or {}, path)
 
     def summary(self) -> Summary:
-        """Return the status with its reason, the table of parameters, and notes."""
+        """Return the status with its reason, parameters (only if calibrated), and notes."""
         fit = self.fit
         freedom = f"{fit.degrees_of_freedom} degrees of freedom (p = {fit.p_value:.2g})"
         notes = [f"chi-square: {fit.chi_square:.1f} with {freedom}"]

@@ -80,7 +80,8 @@ def fit_and_diagnose(model: ReadingModel, noise: ReadingNoise) -> Diagnosis:
     """Fit the parameters, and look for mistakes in the touches if the fit is suspect.
 
     If the first solves leave a very large scatter, the fit is abandoned, since the cause is
-    probably a mistake in the file. It is completed only if no correction explains the touches.
+    probably a mistake in the file. It is completed only if no correction explains the touches. With
+    fewer touches than parameters, the fit is not abandoned and no mistakes are looked for.
 
     Parameters
     ----------
@@ -108,12 +109,14 @@ def _find_corrections(fit: CalibrationFit) -> list[FittedCorrection]:
     Returns
     -------
     list of FittedCorrection
-        Corrections that are about as good as the best one; empty if no correction is good.
+        Corrections whose chi-square exceeds the lowest one by less than
+        `CalibrateOptions.chi_square_margin`; empty if no correction explains the touches.
     """
     fitted = []
     if fit.model.is_solved.any():
         fitted = _fit_corrections(fit, _propose_reading_corrections(fit.model))
-    # A wrong frame may look like swapped or dead channels, but not like other wrong readings.
+    # A wrong frame may look like swapped or dead channels, but not like other wrong readings. So
+    # touches are corrected if nothing else was found.
     ambiguous = {CalibrationStatus.SWAPPED, CalibrationStatus.CHANNEL}
     if {each.correction.status for each in fitted} <= ambiguous:
         fitted += _fit_corrections(fit, _propose_touch_corrections(fit))
@@ -131,7 +134,7 @@ def _find_corrections(fit: CalibrationFit) -> list[FittedCorrection]:
 def _fit_corrections(
     fit: CalibrationFit, corrections: Iterable[Correction]
 ) -> list[FittedCorrection]:
-    """Fit the corrections with the best scores, and return those that explain the touches.
+    """Fit the corrections with the lowest scores, and return those that explain the touches.
 
     Parameters
     ----------
@@ -184,8 +187,8 @@ def _score_correction(fit: CalibrationFit, correction: Correction) -> float:
     model = fit.model.with_table(correction.table, correction.reading)
     if not model.is_solved.any():
         count = model.options.ranking_touches
-        few = np.linspace(0, len(correction.table) - 1, count).astype(int)
-        table = correction.table.select(np.unique(few).tolist())
+        indices = np.linspace(0, len(correction.table) - 1, count).astype(int)
+        table = correction.table.select(np.unique(indices).tolist())
         model = model.with_table(table, correction.reading)
         model.solve_touches(
             initial,
@@ -211,7 +214,8 @@ def _score_correction(fit: CalibrationFit, correction: Correction) -> float:
 def _propose_reading_corrections(model: ReadingModel) -> Iterator[Correction]:
     """Propose corrections of the readings: units, signs, channels, and change or total.
 
-    They need no further solve.
+    These corrections need no further solves. Change and total are exchanged only if the unloaded
+    film has an equilibrium, and a channel is left out only if there are at least three.
     """
     table = model.table
     for misreading in list_misreadings(model.channels, model.unit):
@@ -258,9 +262,9 @@ def _propose_touch_corrections(fit: CalibrationFit) -> Iterator[Correction]:
 
 
 def _compute_size_ratio(fit: CalibrationFit) -> float:
-    """Compute the median ratio of the readings to those predicted for the scene.
+    """Compute the median magnitude of the ratio of readings to those predicted for the scene.
 
-    The ratios are those of the solved touches; the result is 0 if there are none.
+    Only solved touches count; the result is 0 if there are none.
     """
     model = fit.model
     is_solved = model.is_solved
@@ -272,7 +276,10 @@ def _compute_size_ratio(fit: CalibrationFit) -> float:
 
 
 def _propose_frame_corrections(model: ReadingModel) -> Iterator[Correction]:
-    """Propose corrections of the frame, except those that do not change any touch."""
+    """Propose corrections of the frame.
+
+    A correction is left out if its probe loads are those of the file or of an earlier correction.
+    """
     table = model.table
     probe = model.parameters.scene.single_probe
     has_rotation = probe is None or bool(probe.period_deg)
@@ -322,7 +329,7 @@ def _list_frames(probe_loads: Array, has_rotation: bool) -> Iterator[tuple[str, 
 
 
 def describe_outlier(fit: CalibrationFit, index: int) -> str:
-    """Describe why a touch does not fit: its position, or its force or readings.
+    """Describe whether the position of a rejected touch may be wrong, or its force or readings.
 
     The best change of the position and the best change of the force are compared by linear least
     squares; the text names the one with the smaller remaining residuals.

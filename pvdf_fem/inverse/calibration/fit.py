@@ -105,6 +105,8 @@ class CalibrationFit(LeastSquaresProblem):
         """Standard deviations σ of the readings.
 
         They include the noise and the error of the solves, but not the errors of the positions.
+        Relative errors refer to the larger one of the measured and the predicted reading. Missing
+        readings have standard deviations so large that they have no weight.
 
         Returns
         -------
@@ -194,7 +196,7 @@ class CalibrationFit(LeastSquaresProblem):
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Number of readings minus the number of directions that the readings determine."""
+        """Number of readings of the used touches minus that of directions that they determine."""
         determined = int((self.information.singular_values >= 1.0).sum())
         return int(self.reading_counts[self.is_used].sum()) - determined
 
@@ -232,15 +234,19 @@ class CalibrationFit(LeastSquaresProblem):
     def outlier_limits(self) -> Array:
         """Limits of the squared lengths of deleted residuals, beyond which touches are outliers.
 
-        The probability that any of the touches exceeds its limit by chance is
-        `false_outlier_probability`. An array of shape (touches,).
+        The limits are quantiles of chi-square times `scatter` squared. The probability that any of
+        the touches exceeds its limit by chance is at most `false_outlier_probability`.
+
+        Returns
+        -------
+        ndarray, shape (touches,)
         """
         probability = self.model.options.false_outlier_probability / len(self.is_used)
         return np.asarray(chi2.isf(probability, self.reading_counts) * self.scatter**2)
 
     @property
     def longest_steps(self) -> Array:
-        """Longest steps of the coordinates.
+        """Maximum change of each coordinate from its present value, until the next solves.
 
         Returns
         -------
@@ -251,8 +257,8 @@ class CalibrationFit(LeastSquaresProblem):
     def project_onto_bounds(self, coordinates: Array) -> Array:
         """Return the nearest coordinates within the trust region about the present values.
 
-        No coordinate moves farther than `longest_steps`. Film parameters lose at most half of their
-        value, so that moduli, thickness and tension keep their signs.
+        No coordinate moves farther than `longest_steps`. Film parameters decrease by at most half
+        of their magnitude, so that moduli, thickness and tension remain positive.
 
         Parameters
         ----------
@@ -293,7 +299,8 @@ class CalibrationFit(LeastSquaresProblem):
     def refit(self, is_used: Mask, is_robust: bool = False) -> CalibrationFit:
         """Fit parameters and positions to some of the touches, without further solves.
 
-        This fit is not changed; its parameters are the initial guess of the new fit.
+        This fit is not changed; its parameters are the initial guess of the new fit. Positions are
+        corrected for all touches, by at most `CalibrateOptions.longest_correction`.
 
         Parameters
         ----------
@@ -321,11 +328,12 @@ class CalibrationFit(LeastSquaresProblem):
         return replace(fit, place_corrections_mm=corrections * np.minimum(1.0, longest / lengths))
 
     def reject_outliers(self) -> CalibrationFit:
-        """Fit parameters and positions without outliers, that is touches far from the others' fit.
+        """Fit parameters and positions without outliers, touches far from a fit to the others.
 
         A robust fit to all solved touches comes first. Then touches beyond `outlier_limits` are
-        removed and the rest is fitted again, until no more are removed. If more than
-        `max_outlier_fraction` of the touches would be removed, the robust fit is returned instead.
+        removed and the rest is fitted again, until no more are removed. The robust fit is returned
+        instead if the touches that are removed or not solved exceed `max_outlier_fraction` of all
+        touches by more than one touch.
         """
         robust_fit = self.refit(self.model.is_solved, is_robust=True)
         min_count = (1.0 - self.model.options.max_outlier_fraction) * len(self.is_used) - 1.0
@@ -367,8 +375,10 @@ def fit_parameters(
 ) -> CalibrationFit:
     """Fit the parameters by rounds of solves and linearised fits until the steps are small.
 
-    Each round solves the touches whose stress integrals have changed too much for the
-    linearisation, then fits parameters and positions and rejects outliers.
+    The first round solves the touches that are not solved yet, with a coarse tolerance; the second
+    one solves all of them again. Each further round solves the touches whose stress integrals have
+    changed too much for the linearisation. After its solves, a round fits parameters and positions
+    and rejects outliers. A touch that could not be solved is not tried again.
 
     Parameters
     ----------
@@ -377,13 +387,13 @@ def fit_parameters(
     noise : ReadingNoise
         Standard deviations of readings and positions.
     max_scatter : float
-        The fit is abandoned after the first round if the scatter exceeds this.
+        The fit is abandoned after the first round if its `CalibrationFit.scatter` exceeds this.
 
     Returns
     -------
     CalibrationFit
-        Last fit. It is not converged (`is_converged`) if more than half of the touches cannot be
-        solved, the fit is abandoned, or the maximum number of rounds is reached.
+        Last fit. Its `is_converged` is false if more than half of the touches cannot be solved, the
+        fit is abandoned, or the steps are still too large after the maximum number of rounds.
     """
     options = model.options
     values = model.parameters.initial.copy()
@@ -402,7 +412,7 @@ def fit_parameters(
         values = fit.values
         place_corrections_mm = fit.place_corrections_mm
         # The relative error of the linearisation is about the square of the relative change.
-        step_error = np.square(_compute_relative_change(fit))
+        step_error = np.square(_compute_integral_changes(fit))
         step_error = step_error / max(noise.sigma, 10.0 * options.min_tolerance)
         is_pending = model.is_solved & (step_error >= options.step_error_tolerance)
         if number == 0:  # The first solves have a coarse tolerance, so that all are repeated.
@@ -412,7 +422,7 @@ def fit_parameters(
     return replace(fit, is_converged=False)
 
 
-def _compute_relative_change(fit: CalibrationFit) -> Array:
+def _compute_integral_changes(fit: CalibrationFit) -> Array:
     """Compute the relative change of the stress integrals of each touch since its solve.
 
     Small integrals are compared with a thousandth of the largest one of their touch.

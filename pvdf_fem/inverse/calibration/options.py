@@ -9,7 +9,8 @@ from dataclasses import dataclass
 class CalibrateOptions:
     """Thresholds of a calibration."""
 
-    #: Tolerance of the solves as a fraction of the relative noise `sigma`; the two bounds follow.
+    #: Tolerance of the solves as a fraction of the relative noise `sigma`, between the two bounds
+    #: `min_tolerance` and `max_tolerance`.
     tolerance_fraction: float = 0.05
     min_tolerance: float = 1e-5
     max_tolerance: float = 1e-3
@@ -42,16 +43,18 @@ class CalibrateOptions:
 
     #: Number of touches that are solved to rank corrections of positions and forces.
     ranking_touches: int = 8
-    #: At most this number of corrections are fitted, ...
+    #: Maximum number of corrections that are fitted.
     max_fits: int = 3
-    #: ... and only those whose score is close to the best one within this margin.
+    #: Corrections are fitted only if their score is close to the best one within this margin.
     score_margin: float = 5.0
-    #: A correction is reported if its chi-square exceeds the best one by less than this margin, ...
+    #: A correction is reported only if its chi-square exceeds the best one by less than this.
     chi_square_margin: float = 20.0
-    #: ... and that of the uncorrected touches is larger than its own by this factor.
+    #: A correction explains the touches only if the chi-square of the uncorrected touches is larger
+    #: than its own by this factor. If the p-value of the uncorrected touches is above
+    #: `min_p_value`, the factor is ignored.
     min_improvement: float = 2.0
-    #: A wrong frame is not considered if the readings are larger or smaller than predicted by more
-    #: than this factor.
+    #: If the readings are larger or smaller than predicted by more than this factor, wrong units of
+    #: the force are considered instead of wrong frames.
     max_size_ratio: float = 3.0
 
 

@@ -41,7 +41,10 @@ ABSOLUTE_PRIORS = {"stage.x_mm": 1.0, "stage.y_mm": 1.0, STAGE_ROTATION: 3.0, "o
 
 @dataclass(frozen=True, eq=False)
 class CalibrationParameters:
-    """Unknown parameters of a calibration with their priors, in the units of their names."""
+    """Unknown parameters of a calibration with their priors.
+
+    All values are in the unit at the end of the parameter's name; offsets are in V.
+    """
 
     scene: Scene  #: Nominal scene, from which all other parameters are taken.
     names: tuple[str, ...]
@@ -64,7 +67,7 @@ class CalibrationParameters:
         return np.array([self.names.index(key) for key in self.film_keys], dtype=np.int64)
 
     def extract(self, key: str, values: Array) -> Array:
-        """Return the values of one parameter; those of the scene if it is not an unknown.
+        """Return the values of one parameter; if it is not an unknown, repeat the scene's value.
 
         Parameters
         ----------
@@ -82,14 +85,17 @@ class CalibrationParameters:
         return np.full(values.shape[:-1], get_parameter(self.scene, key))
 
     def apply(self, values: Array, reading: str | None = None) -> Scene:
-        """Return a copy of the scene with other values of the parameters.
+        """Return a copy of the scene with other values of the unknown parameters.
+
+        If a gain or an offset is unknown, the copy has a value for each electrode, with the nominal
+        value for those that are not unknown.
 
         Parameters
         ----------
         values : ndarray, shape (parameters,)
             Values of the unknown parameters.
         reading : {"change", "total"}, optional
-            Value of ``readout.reading``. Default: None, keep the scene's.
+            Value of ``readout.reading``. Default: the scene's.
         """
         changes: dict[str, Any] = {}
         if reading is not None:
@@ -112,7 +118,7 @@ class CalibrationParameters:
 
 
 def get_parameter(scene: Scene, key: str) -> float:
-    """Return the value of a parameter in a scene; a missing stage or readout has its defaults."""
+    """Return a parameter of a scene; without a stage or readout, its default value is returned."""
     section, _, name = key.partition(".")
     if section in READOUT_KEYS:
         readout = scene.readout or Readout()
@@ -123,10 +129,10 @@ def get_parameter(scene: Scene, key: str) -> float:
 def select_parameters(
     scene: Scene, words: Sequence[str], priors: Mapping[str, float]
 ) -> CalibrationParameters:
-    """Make the unknown parameters and their priors from the words of a user.
+    """Return the parameters that the words stand for, with priors about the scene's values.
 
-    If the pretension is among them and the film is pretensioned by cooling, the scene of the result
-    has that pretension in N/m instead, see `prescribe_pretension`.
+    If the pretension is among the words and the film is pretensioned by cooling, the scene of the
+    result has that pretension in N/m instead, see `prescribe_pretension`.
 
     Parameters
     ----------
@@ -135,14 +141,15 @@ def select_parameters(
     words : sequence of str
         Names of parameters, or of groups of parameters such as ``gains``.
     priors : mapping of str to float
-        Standard deviations of the priors by parameter or group. Parameters without an entry have
-        the default.
+        Standard deviations of the priors by parameter or group, relative except for the kinds
+        of parameters in `ABSOLUTE_PRIORS`. A later entry for the same parameter replaces an earlier
+        one. Parameters without an entry have the default.
 
     Raises
     ------
     ValueError
-        If words are unknown, a prior is not positive or of a parameter that is not fitted, or the
-        thickness is not allowed; the message has a line for each error.
+        If a word or a prior is not valid, or if the thickness is to be fitted with a channel of the
+        kind "voltage"; the message has a line for each error.
     """
     if any(word.startswith(PRETENSION) for word in words):
         scene = prescribe_pretension(scene)
@@ -152,9 +159,9 @@ def select_parameters(
         names += groups.get(word, [])
     names = list(dict.fromkeys(names))
     errors = [
-        *_find_word_errors(words, groups),
-        *_find_prior_errors(priors, groups, names),
-        *_find_thickness_errors(scene, names),
+        *_find_invalid_words(words, groups),
+        *_find_invalid_priors(priors, groups, names),
+        *_find_thickness_conflict(scene, names),
     ]
     if errors:
         raise ValueError("\n".join(errors))
@@ -188,8 +195,8 @@ def _list_groups(scene: Scene) -> dict[str, list[str]]:
     return {**groups, **{name: [name] for name in single}}
 
 
-def _find_word_errors(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    """Find errors of the words to fit: misspelt words, or none at all."""
+def _find_invalid_words(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """Yield a message for each word that names no parameter or group, or if there are no words."""
     for word in words:
         if word not in groups:
             yield f"unknown {word[:60]}: {suggest(word, list(groups))}"
@@ -197,10 +204,12 @@ def _find_word_errors(words: Sequence[str], groups: Mapping[str, Sequence[str]])
         yield f"unknown: is empty; choose from {', '.join(groups)}"
 
 
-def _find_prior_errors(
+def _find_invalid_priors(
     priors: Mapping[str, float], groups: Mapping[str, Sequence[str]], names: Sequence[str]
 ) -> Iterator[str]:
-    """Find errors of the priors: misspelt words, parameters not fitted, values not positive.
+    """Yield a message for each prior with an unknown name, without a fitted parameter, or invalid.
+
+    A standard deviation is valid if it is positive and finite.
 
     Parameters
     ----------
@@ -220,8 +229,11 @@ def _find_prior_errors(
             yield f"prior {word} = {deviation:g}: give a positive standard deviation"
 
 
-def _find_thickness_errors(scene: Scene, names: Sequence[str]) -> Iterator[str]:
-    """Find the error of a fitted thickness that would also change the capacitance of a channel."""
+def _find_thickness_conflict(scene: Scene, names: Sequence[str]) -> Iterator[str]:
+    """Yield a message if the thickness is to be fitted with a channel of the kind "voltage".
+
+    The capacitance of such a channel depends on the thickness, too.
+    """
     if scene.readout is None or "film.thickness_um" not in names:
         return
     kinds = [scene.readout.get_value("kind", electrode.name) for electrode in scene.electrode_list]
@@ -238,7 +250,7 @@ def _compute_prior_deviation(name: str, value: float, deviations: Mapping[str, f
     name : str
         Name of the parameter.
     value : float
-        Value in the scene, which relative deviations are multiplied by (by 1 if it is zero).
+        Value in the scene. Relative deviations are multiplied by its magnitude, or by 1 if it is 0.
     deviations : mapping of str to float
         Standard deviations by name that replace the defaults; absolute for the kinds of parameters
         in `ABSOLUTE_PRIORS`, relative for others.

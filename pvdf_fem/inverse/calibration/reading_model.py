@@ -56,7 +56,7 @@ class Prediction:
 class ReadingModel:
     """Readings of touches as a function of the parameters and of the touches' positions.
 
-    It stores the last solve of each touch. The arguments of a solve (`keys`) are position,
+    The model stores the last solve of each touch. The arguments of a solve (`keys`) are position,
     rotation and force of the probe relative to the film, then the unknown parameters of the film.
     """
 
@@ -83,20 +83,23 @@ class ReadingModel:
         #: Stress integrals (X, Y) in N of the loaded film, then their derivatives with respect to
         #: `keys`, shape (touches, 1 + keys, electrodes, 2).
         self.integrals = np.zeros((touches, 1 + keys, electrodes, 2))
-        #: The same of the unloaded film at the same parameters.
+        #: Stress integrals and derivatives of the unloaded film at the parameters of each solve, in
+        #: the form of `integrals`.
         self.unloaded_integrals = np.zeros_like(self.integrals)
         #: Estimated relative errors of the solved charges, shape (touches, electrodes).
         self.charge_errors = np.zeros((touches, electrodes))
 
     def with_table(self, table: TouchTable, reading: str) -> ReadingModel:
-        """Return a model of other touches; it has copies of the solves if the loads are the same.
+        """Return a model of other touches, with copies of the solves if the probe loads are equal.
+
+        Its `failures` are empty in either case.
 
         Parameters
         ----------
         table : TouchTable
             Touches with other readings or other probe loads.
         reading : {"change", "total"}
-            Meaning of their readings.
+            Meaning of the readings in `table`.
         """
         other = replace(self, table=table, reading=reading, failures={})
         if np.array_equal(table.probe_loads, self.table.probe_loads):
@@ -181,7 +184,8 @@ class ReadingModel:
     ) -> None:
         """Solve some touches, and store their stress integrals with derivatives in the model.
 
-        Touches that cannot be solved become unsolved, with a reason in `failures`.
+        The unloaded film is solved at the same parameters, too. Touches that cannot be solved
+        become unsolved, with a reason in `failures`.
 
         Parameters
         ----------
@@ -193,6 +197,11 @@ class ReadingModel:
             Mask of the touches to solve.
         tolerance : float, optional
             Tolerance of the solves. Default: that of the model.
+
+        Raises
+        ------
+        UnloadedFilmError
+            If the unloaded film has no equilibrium, and the readings are changes.
         """
         scene = self.parameters.apply(values)
         unloaded = self._solve_unloaded(scene)
@@ -240,19 +249,19 @@ class ReadingModel:
         """
         is_required = self.reading == "change"
 
-        def solve_unloaded(changed: Scene) -> Array:
-            """Solve the stress integrals of the unloaded film for changed parameters."""
+        def compute_integrals(changed: Scene) -> Array:
+            """Compute the stress integrals of the unloaded film of a changed scene."""
             return compute_unloaded_integrals(
                 Problem.from_scene(changed), required=is_required
             ).values
 
         integrals = np.zeros((1 + len(self.keys), len(self.channels), 2))
-        integrals[0] = solve_unloaded(scene)
+        integrals[0] = compute_integrals(scene)
         for row, key in enumerate(self.parameters.film_keys, 1 + len(TOUCH_SCENE_KEYS)):
             value = get_parameter(scene, key)
             step = UNLOADED_STEP * (abs(value) if value else 1.0)
-            higher = solve_unloaded(scene.with_(**{key: value + step}))
-            lower = solve_unloaded(scene.with_(**{key: value - step}))
+            higher = compute_integrals(scene.with_(**{key: value + step}))
+            lower = compute_integrals(scene.with_(**{key: value - step}))
             integrals[row] = (higher - lower) / (2.0 * step)
         return integrals
 
@@ -295,7 +304,7 @@ class ReadingModel:
         return np.asarray(units_per_pC * gain * charges_pC + units_per_volt * offset)
 
     def _extract_parameters(self, keys: tuple[str, ...] | list[str], values: Array) -> Array:
-        """Return the values of several parameters, with an axis for the touches.
+        """Return the values of several parameters, with an axis of length 1 for the touches.
 
         Parameters
         ----------
@@ -320,6 +329,11 @@ class ReadingModel:
             Values of the parameters.
         place_corrections_mm : ndarray, shape (touches, 2)
             Corrections of the positions on the stage in mm.
+
+        Returns
+        -------
+        Prediction
+            Readings extrapolated from the last solves. Those of unsolved touches are meaningless.
         """
         count = len(values)
         step = COMPLEX_STEP

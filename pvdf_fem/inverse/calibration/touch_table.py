@@ -37,7 +37,8 @@ class TouchesError(ValueError):
 class TouchTable:
     """Touches at known positions, rotations and forces, with the readings of the channels."""
 
-    rows: Indices  #: Row numbers in the file, starting at 1, shape (touches,).
+    #: Row numbers in the file below its heading, starting at 1, shape (touches,).
+    rows: Indices
     #: Probe loads on the stage: x and y in mm, rotation in degrees, force in N; shape (touches, 4).
     probe_loads: Array
     #: Readings in V or nominal pC, NaN where missing, shape (touches, electrodes).
@@ -68,7 +69,7 @@ class TouchTable:
         return self.probe_loads[:, TouchColumn.FORCE]
 
     def select(self, indices: Sequence[int]) -> TouchTable:
-        """Return a table of the touches with the given indices, without notes."""
+        """Return a table of the touches with the given indices (not rows), without notes."""
         return TouchTable(self.rows[indices], self.probe_loads[indices], self.readings[indices])
 
 
@@ -92,8 +93,10 @@ def read_touches(source: Any, scene: Scene) -> TouchTable:
     Raises
     ------
     TouchesError
-        If columns are missing, unknown or constant, cells are not numbers, or positions are not on
-        the film; with a line for each error.
+        If columns are missing, unknown or differ in length, cells are not numbers, fewer than two
+        touches are complete, readings of an electrode are constant or missing in all touches,
+        forces are not positive, or positions are all equal or not on the film; with a line for each
+        error.
     """
     columns = _read_columns(source)
     electrodes = [electrode.name for electrode in scene.electrode_list]
@@ -133,7 +136,10 @@ def read_touches(source: Any, scene: Scene) -> TouchTable:
 
 
 def _read_columns(source: Any) -> dict[str, Sequence[Any]]:
-    """Return the columns of a CSV file, a mapping or a dataframe by their names."""
+    """Return the columns of a CSV file, a mapping or a dataframe by their names.
+
+    A source of another type raises TouchesError.
+    """
     if isinstance(source, str | Path):
         return _read_csv_columns(Path(source))
     names = source if isinstance(source, Mapping) else getattr(source, "columns", None)
@@ -144,7 +150,11 @@ def _read_columns(source: Any) -> dict[str, Sequence[Any]]:
 
 
 def _read_csv_columns(path: Path) -> dict[str, Sequence[Any]]:
-    """Read the columns of a CSV file by their names, as text without surrounding spaces."""
+    """Read the columns of a CSV file by their names, as text without surrounding spaces.
+
+    Empty rows are skipped. TouchesError is raised if the file is not a CSV file, two columns have
+    the same name, or a row has another number of cells than the heading.
+    """
     text = read_text(path, MAX_FILE_SIZE, "a CSV file of touches")
     lines = []
     try:
@@ -169,7 +179,7 @@ def _read_csv_columns(path: Path) -> dict[str, Sequence[Any]]:
 
 
 def _find_heading_errors(columns: Sequence[str], needed: Sequence[str]) -> Iterator[str]:
-    """Find errors of the headings: columns that are missing or not expected."""
+    """Yield a message for each column that is missing or not expected."""
     missing = [name for name in needed if name not in columns]
     candidates = missing if missing else needed
     for name in missing:
@@ -211,7 +221,10 @@ def _parse_column(name: str, cells: Sequence[Any]) -> tuple[list[float], list[st
 
 
 def _find_value_errors(table: TouchTable, electrodes: Sequence[str]) -> Iterator[str]:
-    """Find errors of the readings: fewer than two touches, and empty or constant columns."""
+    """Yield a message for each electrode whose readings are all missing or constant.
+
+    With fewer than two touches, yield only a message that says so.
+    """
     if len(table) < 2:
         yield f"touches: {len(table)} complete rows; give more touches than unknown parameters"
         return
@@ -225,9 +238,10 @@ def _find_value_errors(table: TouchTable, electrodes: Sequence[str]) -> Iterator
 
 
 def _find_load_errors(table: TouchTable, scene: Scene) -> Iterator[str]:
-    """Find errors of the probe loads: forces that are not positive, positions off the film.
+    """Yield messages on forces that are not positive, and on positions that must be wrong.
 
-    Positions that are the same in every row, or in µm or m by mistake, are errors, too.
+    Positions are wrong if they are equal in every row, if they look like µm or m, or if the probe
+    extends over the rim of the film. Fewer than two touches are not checked.
 
     Parameters
     ----------
@@ -265,9 +279,9 @@ def _find_load_errors(table: TouchTable, scene: Scene) -> Iterator[str]:
 
 
 def place_probe(scene: Scene, probe_load: Array) -> Scene | None:
-    """Return a copy of the scene with another probe load, or None if it is not valid.
+    """Return a copy of the scene with another probe load, or None if the copy is not valid.
 
-    A load is not valid if, for example, the probe extends over the film's rim.
+    It is not valid if, for example, the probe extends over the film's rim.
 
     Parameters
     ----------

@@ -74,7 +74,10 @@ class Baseline:
 
     @property
     def noise_V(self) -> Array:
-        """Standard deviation of each voltage, at least that of the circuit and the options."""
+        """Estimated standard deviation of each voltage in V, shape (electrodes,).
+
+        It is at least the noise of the channel and `TrackOptions.min_noise_V`.
+        """
         minimum = np.maximum(self.circuit.noise, self.options.min_noise_V)
         return np.maximum(np.sqrt(self.noise_variance), minimum)
 
@@ -105,8 +108,8 @@ class Baseline:
         decay = self.circuit.compute_decay(time_s - self._residual_at_s)
         return np.hypot(line_error, decay / math.sqrt(self._residual_samples))
 
-    def add_residual(self, start_s: float, end_s: float, voltages: Array) -> None:
-        """Replace the residual by the voltages that a finished contact has left.
+    def replace_residual(self, start_s: float, end_s: float, voltages: Array) -> None:
+        """Replace the residual by the mean of the decayed voltages that a contact has left.
 
         Parameters
         ----------
@@ -115,8 +118,8 @@ class Baseline:
         end_s : float
             Time of the last row of `voltages`.
         voltages : ndarray, shape (samples, electrodes)
-            Voltages in V above the line, sampled after the contact. A channel with a missing
-            voltage (NaN) gets the residual 0.
+            Voltages in V above the line, sampled at equal intervals after the contact. A channel
+            with a missing voltage (NaN) gets the residual 0.
         """
         remaining_s = np.linspace(end_s - start_s, 0.0, len(voltages) + 1)[1:]
         decayed = voltages * self.circuit.compute_decay(remaining_s)
@@ -127,15 +130,15 @@ class Baseline:
     def add(self, time_s: float, voltages: Array) -> None:
         """Update the line, the residual and the noise with a sample without a contact.
 
-        The baseline restarts from this sample if it is the first one, or if a channel is measured
-        for the first time.
+        The line and the noise of all channels restart from this sample if it is the first one, or
+        if a channel is measured for the first time.
 
         Parameters
         ----------
         time_s : float
             Time of the sample.
         voltages : ndarray, shape (electrodes,)
-            Voltages in V, NaN where they are missing; a missing channel keeps its line.
+            Voltages in V. A missing one (NaN) counts as equal to its prediction.
         """
         self.sample_count += 1
         is_new = np.isnan(self._level) & ~np.isnan(voltages)
@@ -174,7 +177,7 @@ class Baseline:
         )
 
     def _restart(self, time_s: float, voltages: Array) -> None:
-        """Restart the line from one sample, and forget slope and noise."""
+        """Restart the line from one sample with zero slope and noise; the residual remains."""
         self.sample_count = 1
         self._residual_samples = 1
         self._time_s = time_s

@@ -49,7 +49,8 @@ class ChargeIntegrator:
     def sampling_variance(self) -> float:
         """Variance of the sampling error in pC², along the direction of the charges.
 
-        The sampling error is the charge that is missed because it arrives between samples.
+        The sampling error is the charge that is missed because it arrives between samples. The
+        variance is 0 while its unbiased estimate is negative.
         """
         return max(self._sampling_variance, 0.0)
 
@@ -102,8 +103,8 @@ class ChargeIntegrator:
         step : float
             Length of the interval in s.
         rate : ndarray, shape (electrodes,)
-            Mean rate at which charge arrived in the interval, in pC/s; NaN where a voltage is
-            missing.
+            Mean rate at which charge arrived in the interval, in pC/s; NaN where the previous
+            measured voltage is older than the interval.
         noise_V : ndarray, shape (electrodes,)
             Standard deviations of the voltages.
 

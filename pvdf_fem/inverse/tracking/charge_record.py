@@ -103,14 +103,17 @@ class ChargeRecord:
 
     @property
     def accumulated_variance(self) -> Array:
-        """Variance in pC² of the errors that have accumulated since the onset, per electrode."""
+        """Variance in pC² of the errors from the onset to the last sample, shape (electrodes,)."""
         last = self.samples[-1]
         along = np.square(self.largest.direction)
         return last.walk_variance + np.square(last.drift_pC) + last.sampling_variance * along
 
     @property
     def relative_error(self) -> float:
-        """Standard deviation of the accumulated errors as a fraction of the largest charges."""
+        """Standard deviation of the accumulated errors as a fraction of the largest charges.
+
+        Infinite if all charges are zero.
+        """
         deviation = np.linalg.norm(np.sqrt(self.accumulated_variance))
         largest = np.linalg.norm(self.largest.charges_pC)
         return float(deviation / largest) if largest else math.inf
@@ -141,8 +144,10 @@ class ChargeRecord:
         half = (top_count - 1) // 2
         offsets = np.arange(-half, half + 1)
         coefficient_count = min(3, len(offsets))  # A parabola has three coefficients.
+        # The value of the parabola at the offset 0 is its last coefficient, a weighted sum.
         weights = np.linalg.pinv(np.vander(offsets, coefficient_count))[-1]
-        first = int(np.argmax(np.convolve(sizes, np.ones(len(offsets)), "valid")))
+        window_sums = np.convolve(sizes, np.ones(len(offsets)), "valid")
+        first = int(np.argmax(window_sums))
         window = slice(first, first + len(offsets))
 
         noise = np.array([sample.noise_variance for sample in self.samples[window]])
@@ -161,7 +166,7 @@ class ChargeRecord:
         )
 
     def detect_end(self) -> bool:
-        """Decide whether the contact has ended, and set `still_count`.
+        """Decide whether the contact has ended, and set `still_count` in either case.
 
         A contact has ended when its charges have stopped changing and are zero within their
         errors. If they are small but not zero within their errors, they must have been constant
@@ -171,7 +176,7 @@ class ChargeRecord:
         Returns
         -------
         bool
-            Whether the last `still_count` samples are after the end of the contact.
+            Whether the contact has ended. If so, the last `still_count` samples are after its end.
         """
         options = self.options
         count = self._count_still_samples(options.still_fraction)
@@ -191,7 +196,7 @@ class ChargeRecord:
         return bool(projection < limit and self._count_still_samples(4.0 * options.still_fraction))
 
     def _count_still_samples(self, fraction: float) -> int:
-        """Return the number of last samples in which the charges were constant, or 0.
+        """Return the number of last samples that are compared if their charges are constant, or 0.
 
         The charges were constant if the mean of these samples equals, within its error, the mean
         of equally many samples before them.
@@ -199,7 +204,8 @@ class ChargeRecord:
         Parameters
         ----------
         fraction : float
-            Number of samples to compare, as a fraction of all samples of the contact.
+            Number of samples to compare, as a fraction of all samples of the contact; at least
+            `TrackOptions.min_still_samples` are compared.
         """
         count = max(self.options.min_still_samples, int(fraction * len(self.samples)))
         if len(self.samples) <= 2 * count:
@@ -247,19 +253,21 @@ class ChargeRecord:
         end_s : float
             Time of the last sample before these voltages.
         voltages : ndarray, shape (samples, electrodes)
-            Voltages in V above the line of the baseline, at least those of the last sample.
+            Voltages in V above the line of the baseline, of the last `still_count` samples or of
+            the last sample if that number is 0.
         """
         count = max(self.still_count, 1)
         times_s = [self.onset_s, *(sample.time_s for sample in self.samples)]
         return times_s[-1 - count], np.array(self._voltages[-count:])
 
     def subtract_drift(self) -> None:
-        """Subtract the drift from the charges of a finished contact.
+        """Subtract the drift from the charges of a contact that has ended, see `detect_end`.
 
         After the contact the charge must be zero, so that the measured residual is a drift. The
         errors of all samples are conditioned on this residual (Brownian bridge), and their
-        conditional mean is subtracted. `end_s` becomes the last time at which the charges differed
-        significantly from the residual.
+        conditional mean is subtracted. The corrected samples replace those of the record. `end_s`
+        becomes the last time at which the charges differed significantly from the residual, or the
+        time of the first sample if they never did.
         """
         residual, noise_variance = self._average_charges(-self.still_count, self.still_count)
         direction = self.largest.direction

@@ -13,7 +13,7 @@ from pvdf_fem.arrays import Array, Mask
 
 @dataclass(frozen=True, eq=False)
 class ChargeSample:
-    """Charges in pC that a contact has generated until one instant. Arrays are (electrodes,).
+    """Charges that a contact has generated until one instant, in arrays of shape (electrodes,).
 
     The errors of the charges have four independent contributions: the noise of this sample; a
     random walk since the onset, due to the noise of the integrated voltages; a drift, due to the
@@ -48,5 +48,5 @@ class ChargeSample:
 
     @property
     def significance(self) -> float:
-        """Norm of the charges, each divided by its standard deviation."""
+        """Norm of the charges, each divided by its standard deviation without sampling error."""
         return float(np.linalg.norm(self.charges_pC / np.sqrt(self.variance)))

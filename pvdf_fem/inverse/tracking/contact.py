@@ -17,9 +17,10 @@ from pvdf_fem.surrogate.touch_domain import TouchColumn
 class ContactLocator:
     """Estimates the position and the force of a contact while its charges change.
 
-    The position is located from the peak of the charges, first as soon as they are significant and
-    then each time the number of samples has grown by `TrackOptions.relocation_growth`. At every
-    sample the force at this position is fitted.
+    The position is located from the peak of the charges, first as soon as there are enough samples
+    and their charges are significant. If that fails, it is tried again at the next sample.
+    Afterwards the position is located again each time the number of samples has grown by the
+    fraction `TrackOptions.relocation_growth`. At every sample the force at this position is fitted.
 
     Parameters
     ----------
@@ -31,11 +32,12 @@ class ContactLocator:
         self.problem = problem
         self.options = problem.options
         self.candidates: CandidateTouches | None = None  #: None until the contact is located.
-        #: Coordinates of the likeliest touch at the last sample, shape (4,).
+        #: Coordinates of the likeliest touch at the last sample, shape (4,); NaN until located.
         self.coordinates = np.full(4, math.nan)
         self.chi_square = math.nan  #: Chi-square of the charges of the last sample.
         self.impulse_N_s = 0.0  #: Integral of the force over time, from the first location on.
-        self._located_count = self.options.min_location_samples
+        # Number of samples at the last attempt to locate; before the first attempt, the minimum.
+        self._last_attempt_count = self.options.min_location_samples
 
     def update(self, record: ChargeRecord, sample: ChargeSample, step_s: float) -> None:
         """Update position, force and impulse with the newest sample of a contact.
@@ -50,10 +52,10 @@ class ContactLocator:
             Time since the previous sample.
         """
         growth = 0.0 if self.candidates is None else self.options.relocation_growth
-        if len(record) >= (1.0 + growth) * self._located_count:
+        if len(record) >= (1.0 + growth) * self._last_attempt_count:
             peak = record.compute_peak()
             if peak.significance > self.options.min_significance:
-                self._located_count = len(record)
+                self._last_attempt_count = len(record)
                 candidates = self.problem.locate(peak)
                 if candidates is not None:
                     self.candidates = candidates
@@ -64,7 +66,10 @@ class ContactLocator:
             self.impulse_N_s += step_s * math.exp(self.coordinates[TouchColumn.FORCE])
 
     def relocate(self, record: ChargeRecord) -> None:
-        """Locate the contact again from the peak of its corrected charges; may find nothing."""
+        """Replace the candidates by those for the peak of the record; None if there are none.
+
+        `coordinates`, `chi_square` and `impulse_N_s` are not changed.
+        """
         self.candidates = self.problem.locate(record.compute_peak())
 
 
@@ -97,9 +102,10 @@ class Contact:
         return self.locator.candidates is None or is_hidden_by_errors
 
     def close(self) -> None:
-        """Subtract the drift from the charges of a finished contact, and locate it again.
+        """Subtract the drift from the charges of a contact that has ended, and locate it again.
 
-        See `ChargeRecord.subtract_drift`.
+        Call it only after `ChargeRecord.detect_end` has returned True. The contact may then have no
+        candidates.
         """
         self.record.subtract_drift()
         self.locator.relocate(self.record)

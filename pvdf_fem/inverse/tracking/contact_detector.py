@@ -53,7 +53,7 @@ class ContactDetector:
         return len(self.samples) > self.windows[-1]
 
     def count_contact_samples(self, baseline_error: Array) -> int:
-        """Count the last samples that belong to a contact; 0 if no contact is detected.
+        """Return how many of the last samples belong to a contact; 0 if no contact is detected.
 
         Parameters
         ----------

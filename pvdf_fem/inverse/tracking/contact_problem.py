@@ -56,14 +56,15 @@ class CandidateTouches:
 class ContactProblem(LocationProblem):
     """Least-squares problem of a contact whose force may be outside the range of the response.
 
-    The coordinates are x and y in mm, the rotation in degrees and the logarithm of the force in N.
+    The coordinates are x and y relative to the film's centre in mm, the rotation in degrees and the
+    logarithm of the force in N.
     Outside its range of forces, the response is extrapolated: the changes of the charges follow the
     power law of the force that is tangent at the minimum or maximum force (see `linearise`).
     """
 
     #: Charges of the unloaded film in pC, shape (electrodes,).
     unloaded_pC: Array = field(kw_only=True)
-    #: Values of the fixed coordinates, by index.
+    #: Values of the coordinates that are not searched for, by their index.
     fixed: Mapping[int, float] = field(kw_only=True)
     options: TrackOptions = field(kw_only=True)
 
@@ -80,7 +81,7 @@ class ContactProblem(LocationProblem):
         response : ChargeFunction
             Charges as a function of the touch.
         fixed : mapping of int to float
-            Values of the fixed coordinates, by index.
+            Values of the coordinates that are not searched for, by their index.
         options : TrackOptions
             How far the force is extrapolated, and the skew of the sampling error.
         """
@@ -180,19 +181,19 @@ class ContactProblem(LocationProblem):
         return system
 
     def fit_force(self, coordinates: Array, sample: ChargeSample) -> tuple[Array, float]:
-        """Fit the force of a touch at a fixed position to the charges of a sample.
+        """Fit the force of a touch with fixed position and rotation to the charges of a sample.
 
         Parameters
         ----------
         coordinates : ndarray, shape (4,)
-            Position, rotation and initial guess of the force.
+            Position, rotation and initial guess of the logarithm of the force.
         sample : ChargeSample
             Charges to fit.
 
         Returns
         -------
         coordinates : ndarray, shape (4,)
-            Coordinates with the fitted force.
+            Coordinates with the fitted logarithm of the force.
         chi_square : float
             Chi-square of the charges after the fit.
         """
@@ -201,7 +202,7 @@ class ContactProblem(LocationProblem):
         return end.coordinates[0], float(end.chi_square[0])
 
     def locate(self, sample: ChargeSample) -> CandidateTouches | None:
-        """Find the touches that explain the charges of a sample.
+        """Find the touches that fit the charges of a sample best, even if none explains them.
 
         Returns
         -------

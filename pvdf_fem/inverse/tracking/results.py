@@ -100,10 +100,11 @@ class TrackRow(Result):
 
 @dataclass(frozen=True, repr=False)
 class TouchSummary(TrackRow):
-    """A touch that has ended: the row at the peak of its charges, located from all its samples.
+    """A touch that has ended or was cut off: the row at the peak of its charges.
 
-    The status is ``starting`` if the touch was never located. `missing` names the channels that
-    had no reading in some samples of the touch.
+    A touch that has ended is located again from all its samples; one that was cut off has its last
+    location. The status of a touch that has ended is ``starting`` if no location was found.
+    `missing` names the channels that had no reading in some samples of the touch.
     """
 
     onset_s: float = math.nan

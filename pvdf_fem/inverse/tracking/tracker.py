@@ -97,6 +97,7 @@ class Tracker:
             errors.append(f"unit = {unit}: choose from {', '.join(UNITS)}")
         if errors:
             raise ValueError("\n".join(errors))
+        # Coordinates of the contact problem are relative to the film's centre.
         fixed = {}
         for index, name in enumerate(TOUCH_QUANTITIES):
             if name not in unknown:
@@ -111,7 +112,7 @@ class Tracker:
         self._restart()
 
     def _restart(self) -> None:
-        """Restart without a baseline and a contact; the list of finished touches is kept."""
+        """Restart with an empty baseline and without a contact; `touches` is not changed."""
         self._baseline = Baseline(self._circuit, self._options)
         self._detector = ContactDetector(len(self.response.names), self._options)
         self._contact: Contact | None = None
@@ -120,9 +121,9 @@ class Tracker:
     def update(self, t: float, readings: Mapping[str, float] | Sequence[float]) -> TrackRow:
         """Process a sample and return the state of the tracker.
 
-        When a contact ends, its summary is appended to `touches`. The tracker restarts, without
-        using the readings of the sample, if the time does not increase or if the pause before the
-        sample is too long; a contact in progress is then cut off.
+        When a contact ends, its summary is appended to `touches`. At the first sample, if the time
+        does not increase, or after too long a pause, the tracker restarts and ignores the readings
+        of the sample; the summary of a contact that this cuts off is appended, too.
 
         Parameters
         ----------
@@ -205,9 +206,10 @@ class Tracker:
         return self._clock.time_s + left * self._clock.interval_s
 
     def _restart_at(self, t: float, event: ClockEvent) -> TrackRow:
-        """Restart at the first sample, after a long pause, or if the time does not increase.
+        """Restart the tracker, except for its clock, and return the row of the sample.
 
-        A contact in progress is finished with the status ``lost`` or ``clock``.
+        A contact in progress is finished with the status ``lost`` after a pause, and ``clock``
+        otherwise.
 
         Parameters
         ----------
@@ -223,8 +225,9 @@ class Tracker:
         return TrackRow(t, TrackStatus.SETTLING if event is ClockEvent.FIRST else status)
 
     def _watch_baseline(self, t: float, voltages: Array) -> TrackRow:
-        """Process a sample outside of contacts: begin a contact, or update the baseline.
+        """Process a sample outside of contacts: begin a contact, or wait for the next sample.
 
+        If no contact begins and the detector is full, its oldest sample is added to the baseline.
         While the baseline settles, the deviations count as zero, so that no contact is detected.
 
         Parameters
@@ -257,7 +260,9 @@ class Tracker:
         self._baseline.add(oldest.time_s, oldest.voltages)
 
     def _begin_contact(self, count: int) -> TrackRow:
-        """Begin a contact with the last samples of the detector; earlier ones join the baseline.
+        """Begin a contact with the last samples of the detector, and return the last sample's row.
+
+        Earlier samples of the detector are added to the baseline.
 
         Parameters
         ----------
@@ -277,7 +282,7 @@ class Tracker:
         return self._make_contact_row(samples[-1].time_s, contact)
 
     def _add_to_contact(self, contact: Contact, t: float, voltages: Array) -> None:
-        """Add a sample to a contact, and estimate the drift due to the error of the baseline.
+        """Add a sample to a contact, with the drift of the charges due to the baseline's error.
 
         Parameters
         ----------
@@ -342,19 +347,22 @@ class Tracker:
         """
         self.touches.append(self._summarise(contact, status))
         end_s, voltages = contact.record.get_voltages_after_end()
-        self._baseline.add_residual(end_s, t, voltages)
+        self._baseline.replace_residual(end_s, t, voltages)
         self._contact = None
         self._detector = ContactDetector(len(self.response.names), self._options)
 
     def _summarise(self, contact: Contact, status: TrackStatus | None) -> TouchSummary:
         """Summarise a contact at the sample from which it was last located.
 
+        If it is not located, the summary is that of the sample with the largest charges, without
+        position and force.
+
         Parameters
         ----------
         contact : Contact
             Contact that has ended or is cut off.
         status : TrackStatus, optional
-            Status that replaces the one of the located touch. Default: None, keep that status.
+            Status of a contact that was cut off. Default: the status that follows from its touch.
         """
         record = contact.record
         locator = contact.locator
@@ -380,7 +388,7 @@ class Tracker:
         )
 
     def _make_contact_row(self, t: float, contact: Contact) -> TrackRow:
-        """Make the row of the last sample of a contact; without a position until it is located."""
+        """Make the row of the last sample of a contact, without a touch until it is located."""
         locator = contact.locator
         if locator.candidates is None:
             return TrackRow(t, TrackStatus.STARTING, len(self.touches) + 1)
@@ -395,6 +403,8 @@ class Tracker:
         self, t: float, candidates: CandidateTouches, coordinates: Array, chi_square: float
     ) -> TrackRow:
         """Make the row of a located touch, in the frame of the stage.
+
+        The force is NaN if it is at the upper end of the extrapolated range.
 
         Parameters
         ----------
