@@ -18,9 +18,10 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = ["film", "electrodes", "solver", "scene", "batch"]
+FOLDERS = ["film", "problem", "electrodes", "solver", "scene", "batch"]
 FOLDERS += ["surrogate", "inverse"]
 NOT_COPIED = (".git", ".venv", ".*cache", ".hypothesis", "__pycache__", "out")
 #: Seconds after which a run of tests counts as killed.
@@ -32,23 +33,39 @@ OPPOSITES = {"argmin": "argmax", "min": "max", "minimum": "maximum", "sin": "cos
 OPPOSITES |= {there: here for here, there in OPPOSITES.items()}
 
 
-#: A module, an expression on one of its lines, and a text for the expression's place.
-Mutant = tuple[Path, ast.expr, str]
+class Mutant(NamedTuple):
+    """An expression of a module and the text that replaces it."""
+
+    path: Path
+    expression: ast.expr  #: On a single line.
+    replacement: str
+
+    def apply(self, source: bytes) -> bytes:
+        """Return the source text of the module with the expression replaced."""
+        lines = source.split(b"\n")
+        row = self.expression.lineno - 1
+        before = lines[row][: self.expression.col_offset]
+        after = lines[row][self.expression.end_col_offset :]
+        lines[row] = before + self.replacement.encode() + after
+        return b"\n".join(lines)
 
 
-def changes(node: ast.AST) -> Iterator[str]:
-    """Texts that may stand in the place of an expression."""
+def list_replacements(node: ast.expr) -> Iterator[str]:
+    """Yield texts that may replace an expression and should change a result."""
     if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
-        left, right = ast.unparse(node.left), ast.unparse(node.right)
+        left = ast.unparse(node.left)
+        right = ast.unparse(node.right)
         yield f"(({left}) {OPERATORS[type(node.op)]} ({right}))"
         if isinstance(node.op, ast.Add | ast.Sub):
             yield f"({left})"
     elif isinstance(node, ast.Compare) and type(node.ops[0]) in OPERATORS:
-        right = ast.unparse(node.comparators[0])
         if len(node.ops) == 1:
-            yield f"({ast.unparse(node.left)} {OPERATORS[type(node.ops[0])]} {right})"
+            left = ast.unparse(node.left)
+            right = ast.unparse(node.comparators[0])
+            yield f"({left} {OPERATORS[type(node.ops[0])]} {right})"
     elif isinstance(node, ast.BoolOp):
-        yield f"({f' {OPERATORS[type(node.op)]} '.join(map(ast.unparse, node.values))})"
+        operator = f" {OPERATORS[type(node.op)]} "
+        yield f"({operator.join(ast.unparse(value) for value in node.values)})"
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.Not):
         yield f"({ast.unparse(node.operand)})"
     elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
@@ -59,64 +76,92 @@ def changes(node: ast.AST) -> Iterator[str]:
         yield OPPOSITES[node.id]
 
 
-def mutants_of(path: Path) -> Iterator[Mutant]:
-    """All mutants of the functions of a module, but for expressions of several lines."""
+def list_mutants(path: Path) -> Iterator[Mutant]:
+    """Yield all mutants of the functions of a module.
+
+    Expressions that span several lines and parts of f-strings, which are messages, are left out.
+    """
     tree = ast.parse(path.read_text("utf-8"))
-    functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)]
-    bodies = [statement for function in functions for statement in function.body]
-    texts = [n for n in ast.walk(tree) if isinstance(n, ast.JoinedStr)]
-    left_out = {n for text in texts for n in ast.walk(text)}  # messages
-    for node in {n: None for statement in bodies for n in ast.walk(statement)}:
-        if node in left_out or not isinstance(node, ast.expr):
+    in_texts: set[ast.AST] = set()
+    in_functions: dict[ast.AST, None] = {}  # a dict keeps the order
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            in_texts.update(ast.walk(node))
+        if isinstance(node, ast.FunctionDef):
+            for statement in node.body:
+                in_functions |= dict.fromkeys(ast.walk(statement))
+    for node in in_functions:
+        if node in in_texts or not isinstance(node, ast.expr):
             continue
         if node.lineno == node.end_lineno:
-            yield from ((path, node, text) for text in changes(node))
+            for replacement in list_replacements(node):
+                yield Mutant(path, node, replacement)
 
 
-def killed(mutant: Mutant, checkout: Path, only_own: bool) -> bool:
-    """Whether a test fails in a checkout with the mutant; the checkout is left as it was."""
-    path, node, text = mutant
-    there, source = checkout / path.relative_to(ROOT), path.read_bytes()
-    lines = source.split(b"\n")
-    line = lines[node.lineno - 1]
-    changed = line[: node.col_offset] + text.encode() + line[node.end_col_offset :]
-    there.write_bytes(b"\n".join([*lines[: node.lineno - 1], changed, *lines[node.lineno :]]))
+def is_killed(mutant: Mutant, checkout: Path, only_own: bool) -> bool:
+    """Return whether a test fails in a checkout with the mutant. The checkout is restored.
+
+    Parameters
+    ----------
+    mutant : Mutant
+        The mutant.
+    checkout : Path
+        Copy of the repository.
+    only_own : bool
+        Whether only the tests of the mutant's folder run.
+    """
+    path = mutant.path.relative_to(ROOT)
+    source = mutant.path.read_bytes()
+    (checkout / path).write_bytes(mutant.apply(source))
     environment = {**os.environ, "PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"}
-    limits = {"cwd": checkout, "env": environment, "timeout": PATIENCE_S}
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    own = f"tests/{path.relative_to(ROOT).parts[1]}"
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "auto"]
-    runs = [[*command, own]] if only_own else [[*command, own], [*command, "tests"]]
+    folders = [f"tests/{path.parts[1]}"]
+    if not only_own:
+        folders.append("tests")
     try:
-        return any(subprocess.run(run, **quiet, **limits).returncode for run in runs)
+        for folder in folders:
+            result = subprocess.run(
+                [*command, folder],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                cwd=checkout,
+                env=environment,
+                timeout=PATIENCE_S,
+            )
+            if result.returncode:
+                return True
+        return False
     except subprocess.TimeoutExpired:
         return True
     finally:
-        there.write_bytes(source)
+        (checkout / path).write_bytes(source)
 
 
 def main() -> None:
+    """Draw mutants, run the tests on each, and print which ones survive."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--folders", nargs="*", default=FOLDERS)
     parser.add_argument("--own", action="store_true", help="only the tests of a mutant's folder")
     options = parser.parse_args()
-    paths = [p for of in options.folders for p in sorted(ROOT.glob(f"pvdf_fem/{of}/**/*.py"))]
-    every = [mutant for path in paths for mutant in mutants_of(path)]
-    drawn, ends = random.Random(options.seed).sample(every, options.count), Counter()
+    mutants: list[Mutant] = []
+    for folder in options.folders:
+        for path in sorted(ROOT.glob(f"pvdf_fem/{folder}/**/*.py")):
+            mutants += list_mutants(path)
+    counts: Counter[tuple[str, str]] = Counter()
     with TemporaryDirectory() as folder:
-        copy = Path(folder, "checkout")
-        shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*NOT_COPIED))
-        for path, node, text in drawn:
-            where, end = path.relative_to(ROOT / "pvdf_fem"), "SURVIVED"
-            if killed((path, node, text), copy, options.own):
-                end = "killed"
-            ends[where.parts[0], end] += 1
-            told = path.read_text("utf-8").split("\n")[node.lineno - 1].strip()
-            print(f"{end} {where}:{node.lineno} {told}\n    {text}", flush=True)
-    for (name, end), count in sorted(ends.items()):
-        print(f"{name}: {count} {end}")
+        checkout = Path(folder, "checkout")
+        shutil.copytree(ROOT, checkout, ignore=shutil.ignore_patterns(*NOT_COPIED))
+        for mutant in random.Random(options.seed).sample(mutants, options.count):
+            outcome = "killed" if is_killed(mutant, checkout, options.own) else "SURVIVED"
+            path = mutant.path.relative_to(ROOT / "pvdf_fem")
+            counts[path.parts[0], outcome] += 1
+            row = mutant.expression.lineno
+            line = mutant.path.read_text("utf-8").split("\n")[row - 1].strip()
+            print(f"{outcome} {path}:{row} {line}\n    {mutant.replacement}", flush=True)
+    for (name, outcome), count in sorted(counts.items()):
+        print(f"{name}: {count} {outcome}")
 
 
 if __name__ == "__main__":

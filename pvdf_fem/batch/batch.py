@@ -1,4 +1,7 @@
-"""Solve many scenes: equivalent ones share a solve, on local cores or a cluster, kept in a file."""
+"""Solve many scenes on local cores or a cluster; equivalent ones share a solve.
+
+Records of solved scenes may be stored in a file.
+"""
 
 from __future__ import annotations
 
@@ -25,15 +28,17 @@ CRASHED = "crashed"
 
 
 class SolveTask(NamedTuple):
-    """Scenes that one solve serves, as a worker takes them."""
+    """The scenes of a block, as arguments of `make_records` in a worker."""
 
     scenes: list[Scene]
-    frames: Array  #: See `make_records`, (scenes, 2, 2).
+    #: Orthogonal matrices from the scenes' axes to those of the first scene, (scenes, 2, 2).
+    frames: Array
 
 
-#: Runs a function on numbered tasks, and yields numbers and results in order of completion.
+#: Function that runs a function on numbered tasks, and yields pairs of number and result in order
+#: of completion.
 Runner = Callable[..., Iterator[tuple[int, Any]]]
-#: Records of unloaded films by their scenes.
+#: Records of unloaded films by the scenes of these films.
 UnloadedRecords = dict[Scene, Record]
 
 
@@ -45,15 +50,16 @@ def solve_scenes(
     Parameters
     ----------
     scenes : sequence of Scene
-        The scenes; equal and equivalent ones are solved once.
+        Scenes to solve; equal and equivalent ones share a solve.
     store : Store, optional
-        Where records are kept.
+        Store from which records are read, and to which new ones are added.
     **options
         ``processes``, ``scheduler`` and ``progress`` of `solve_planned`.
 
     Returns
     -------
     list of Record
+        Scenes whose solve has crashed have a record with the status `CRASHED`.
     """
     plan = plan_scenes(scenes, store)
     records = dict(solve_planned(plan, store, **options))
@@ -61,7 +67,7 @@ def solve_scenes(
 
 
 def plan_scenes(scenes: Sequence[Scene], store: Store | None = None) -> SweepPlan:
-    """Plan the solves of scenes; stored scenes need none."""
+    """Group the distinct scenes without a record in `store` into blocks that share a solve."""
     scenes = pin_profile_files(scenes)
     is_stored = None if store is None else [scene in store for scene in scenes]
     return plan_solves(scenes, is_stored)
@@ -75,25 +81,30 @@ def solve_planned(
     scheduler: str | None = None,
     progress: Progress = ignore_progress,
 ) -> Iterator[tuple[int, Record]]:
-    """Solve the scenes of a plan.
+    """Solve the distinct scenes of a plan, and yield their records.
+
+    Unloaded films that need a solve of their own are solved before the scenes.
 
     Parameters
     ----------
     plan : SweepPlan
-        The plan.
+        The scenes, and the blocks of scenes that share a solve.
     store : Store, optional
-        Where stored records are read and new ones are kept, but not those of crashed scenes.
+        Store with the records of ``plan.stored``. New records are added as soon as they are made,
+        except those of crashed scenes.
     processes : int, optional
-        Number of processes, by default one for every core; 1 solves in this one.
+        Number of processes, by default one for every core; 1 solves in the calling process.
     scheduler : str, optional
         Address of a Dask scheduler whose workers solve instead of local processes.
     progress : callable, optional
-        Called with the numbers of distinct scenes that are solved and that have to be.
+        Called with two numbers of distinct scenes: those solved so far, and all without a stored
+        record.
 
     Yields
     ------
     index : int
-        Index of a distinct scene of the plan, in order of completion.
+        Index of a distinct scene in ``plan.scenes``: stored scenes first, then the others in order
+        of completion.
     record : Record
     """
     logger.info(
@@ -128,9 +139,9 @@ def solve_planned(
 def _solve_blocks(
     plan: SweepPlan, store: Store | None, *, run: Runner, unloaded: UnloadedRecords
 ) -> Iterator[tuple[int, list[Record]]]:
-    """Solve the blocks of a plan; save and yield their records as they finish.
+    """Solve the blocks of a plan; yield each block's index and records after they are stored.
 
-    Blocks that another program has solved in the meantime come last.
+    Blocks that another program has solved since the plan was made are not solved, and come last.
     """
     if store is not None and plan.blocks:
         store.require_writable()
@@ -147,9 +158,10 @@ def _solve_blocks(
 def _list_tasks(
     plan: SweepPlan, store: Store | None, solved_elsewhere: dict[int, list[Record]]
 ) -> Iterator[tuple[int, SolveTask]]:
-    """Yield the tasks of blocks.
+    """Yield the numbers and tasks of the blocks that need a solve.
 
-    Records of blocks that another program has solved by now are put into `solved_elsewhere`.
+    If the store has all records of a block by now, they are put into `solved_elsewhere`, under the
+    block's number, and the block has no task.
     """
     for number, block in enumerate(plan.blocks):
         scenes = plan.scenes_of(number)
@@ -166,7 +178,10 @@ def _list_tasks(
 def _finish_records(
     scenes: list[Scene], result: list[Record] | WorkerDied, unloaded: UnloadedRecords
 ) -> list[Record]:
-    """Return the records of a task with the stress integrals of the unloaded films."""
+    """Add the stress integrals of the unloaded films to the records of a task.
+
+    For a worker that died, the records of its scenes have the status `CRASHED`.
+    """
     records = result
     if isinstance(records, WorkerDied):
         records = _make_crashed_records(scenes, records.reason)
@@ -178,7 +193,7 @@ def _finish_records(
 
 
 def _store_records(scenes: list[Scene], records: list[Record], store: Store | None) -> None:
-    """Save the records of scenes that have not crashed to the store."""
+    """Store the records of scenes that have not crashed; do nothing without a store."""
     if store is None:
         return
     pairs = zip(scenes, records, strict=True)
@@ -186,7 +201,10 @@ def _store_records(scenes: list[Scene], records: list[Record], store: Store | No
 
 
 def _list_unloaded_films(plan: SweepPlan) -> list[Scene]:
-    """List the distinct unloaded films that need a solve, and are not among the scenes."""
+    """List the distinct scenes of unloaded films that need a solve of their own.
+
+    A scene that is its own unloaded film is left out.
+    """
     films: dict[Scene, None] = {}
     for number in range(len(plan.blocks)):
         for scene in plan.scenes_of(number):
@@ -197,7 +215,10 @@ def _list_unloaded_films(plan: SweepPlan) -> list[Scene]:
 
 
 def _solve_task(task: SolveTask) -> list[Record]:
-    """Solve the scenes of a task; an error becomes the status of its scenes."""
+    """Solve the scenes of a task; after an error, return records with the status `CRASHED`.
+
+    Only `GmshMissingError` is raised.
+    """
     try:
         return make_records(task.scenes, task.frames)
     except GmshMissingError:  # no scene can be solved
@@ -207,7 +228,7 @@ def _solve_task(task: SolveTask) -> list[Record]:
 
 
 def _make_crashed_records(scenes: Sequence[Scene], reason: str) -> list[Record]:
-    """Return the records of scenes whose solve has crashed."""
+    """Return records with the status `CRASHED`, and `reason`, for all scenes."""
     records = []
     for scene in scenes:
         electrodes = tuple(electrode.name for electrode in scene.electrode_list)

@@ -1,4 +1,4 @@
-"""Keys under which results are kept: hashes over inputs and over the code that made them."""
+"""Keys under which results are stored: hashes over inputs and over the code that made them."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from pvdf_fem.film.loads.profiles import pin_profile_files
 from pvdf_fem.scene.keys import Affects, select_by_effect
 from pvdf_fem.scene.scene import Scene
 
-#: Folders with influence on the numbers of a record.
+#: Folders of the package whose code influences the numbers of a record.
 NUMERICAL_FOLDERS = ("scene", "mesh", "film", "problem", "electrodes", "solver", "batch")
-#: Packages with influence on them.
+#: Libraries whose versions influence the numbers of a record.
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 
 
 def make_record_key(scene: Scene, folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
-    """Make the key of a scene's record.
+    """Make the key under which the record of a scene is stored.
 
     Parameters
     ----------
     scene : Scene
-        The scene; its keys that do not affect a record do not count.
+        The scene. Keys without influence on a record are left out of the hash.
     folders : tuple of str, optional
-        Folders of the package whose code counts.
+        Folders of the package whose code enters the hash.
 
     Returns
     -------
     str
-        A hash.
+        A hash over the scene, its profile files, the code and the versions of libraries.
     """
     (scene,) = pin_profile_files([scene])
     effects = set(Affects)
@@ -42,7 +42,10 @@ def make_record_key(scene: Scene, folders: tuple[str, ...] = NUMERICAL_FOLDERS) 
 
 @cache
 def hash_code(folders: tuple[str, ...] = NUMERICAL_FOLDERS) -> str:
-    """Hash the modules in folders of the package, and the versions of libraries."""
+    """Hash the modules in folders of the package, and the versions of `NUMERICAL_PACKAGES`.
+
+    The hash is cached, so that a later change of a file is not seen.
+    """
     digest = hashlib.sha256()
     for name in NUMERICAL_PACKAGES:
         digest.update(f"{name} {metadata.version(name)}\n".encode())

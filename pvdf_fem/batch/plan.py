@@ -1,4 +1,4 @@
-"""The plan of many solves: scenes whose films deform equally share a solve."""
+"""The plan of many solves: scenes whose films have the same deformation share a solve."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from pvdf_fem.scene.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Scenes that one solve serves."""
+    """Scenes whose films have the same deformation up to a rotation or reflection."""
 
-    mechanical_key: str  #: What the deformation depends on.
+    mechanical_key: str  #: Text that is equal for all scenes with this deformation.
     indices: tuple[int, ...]  #: The scenes' indices in the plan.
     #: Orthogonal matrices from the scenes' axes to the first scene's axes, (n, 2, 2).
     frames: Array
@@ -27,12 +27,12 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class SweepPlan:
-    """The solves that scenes need; ``print`` shows their numbers."""
+    """The solves that scenes need; ``print`` shows the numbers of scenes and solves."""
 
-    scenes: Sequence[Scene]
+    scenes: Sequence[Scene]  #: All scenes; names of profile files are paths with digests.
     first: NDArray[np.int64]  #: For each scene the index of the first one that equals it, (n,).
-    stored: frozenset[int]  #: Indices of the distinct scenes that need no solve.
-    blocks: tuple[Block, ...]  #: The solves that the other distinct scenes need.
+    stored: frozenset[int]  #: Indices of the distinct scenes that have a stored record.
+    blocks: tuple[Block, ...]  #: The other distinct scenes, by the solve that they share.
 
     @property
     def missing(self) -> int:
@@ -40,7 +40,7 @@ class SweepPlan:
         return sum(len(block.indices) for block in self.blocks)
 
     def scenes_of(self, block: int) -> list[Scene]:
-        """Return the scenes of a block."""
+        """Return the distinct scenes of the block with this index in `blocks`."""
         return [self.scenes[i] for i in self.blocks[block].indices]
 
     def __str__(self) -> str:
@@ -55,19 +55,25 @@ class SweepPlan:
 
 
 def plan_solves(scenes: Sequence[Scene], is_stored: Sequence[bool] | None = None) -> SweepPlan:
-    """Plan the solves of scenes.
+    """Group the distinct scenes without a stored record into blocks that share a solve.
 
     Parameters
     ----------
     scenes : sequence of Scene
-        The scenes.
+        Scenes to solve; some may be equal.
     is_stored : sequence of bool, optional
-        Whether the record of each scene is known, so that it needs no solve.
+        Whether each scene has a stored record; by default none has.
 
     Returns
     -------
     SweepPlan
-        Its blocks are in the order of their first scenes.
+        The blocks are in the order of their first scenes.
+
+    Raises
+    ------
+    SceneError
+        If a profile file cannot be used, or a scene without a record has charges by effects other
+        than stress.
     """
     scenes = pin_profile_files(scenes)
     first_index: dict[Scene, int] = {}
@@ -93,9 +99,14 @@ def plan_solves(scenes: Sequence[Scene], is_stored: Sequence[bool] | None = None
 
 
 def _compute_relative_frames(frames: Array) -> Array:
-    """Return frames (n, 2, 2) relative to the first, quarter turns and reflections exact."""
+    """Return matrices from the axes of each scene to those of the first, shape (n, 2, 2).
+
+    `frames` are matrices from the scenes' axes to common axes. Entries of quarter turns and of
+    reflections at the axes are rounded to -1, 0 and 1.
+    """
     relative = frames[0].T @ frames
     exact = np.round(relative)
     is_close = np.isclose(relative, exact, rtol=0.0, atol=1e-12)
     is_exact = is_close.all(axis=(1, 2), keepdims=True)
-    return np.where(is_exact, exact + 0.0, relative)
+    exact = exact + 0.0  # turns -0 into 0
+    return np.where(is_exact, exact, relative)

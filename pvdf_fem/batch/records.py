@@ -27,21 +27,24 @@ RETRIED = (Status.TOLERANCE, Status.SLACK, Status.MESH_FAILED)
 
 
 def make_records(scenes: Sequence[Scene], frames: Array) -> list[Record]:
-    """Solve scenes whose films deform equally, by one solve.
+    """Make the records of scenes whose films have the same deformation, by one solve.
 
-    The mesh follows the first scene's electrodes if the electrodes of all scenes lie on them, and
-    otherwise only the probe. Scenes that miss the tolerance together are solved separately.
+    The mesh follows the first scene's electrodes if the electrodes of all scenes coincide with
+    these, and otherwise no electrodes. If the solve of several scenes ends with one of the statuses
+    `RETRIED`, each of them is solved separately.
 
     Parameters
     ----------
     scenes : sequence of Scene
         Scenes with the same mechanical key.
     frames : ndarray, shape (scenes, 2, 2)
-        Orthogonal matrices from their axes to those of the first scene.
+        Orthogonal matrices from the scenes' axes to those of the first scene; the first one is the
+        identity.
 
     Returns
     -------
     list of Record
+        One for each scene, without the stress integrals of the unloaded film.
     """
     problems = [Problem.from_scene(scene) for scene in scenes]
     outputs, indices = _collect_outputs(problems, frames)
@@ -63,7 +66,7 @@ def make_records(scenes: Sequence[Scene], frames: Array) -> list[Record]:
 
 
 def _without_electrodes(problem: Problem) -> Scene:
-    """Return the scene without electrodes, which bends if it does with them."""
+    """Return the scene without electrodes; its film bends if it does with electrodes."""
     film = problem.scene.film.model_copy(update={"bending": problem.film.bends})
     return problem.scene.model_copy(update={"electrodes": (), "film": film})
 
@@ -74,24 +77,25 @@ def add_unloaded_integrals(record: Record, scene: Scene, unloaded: Record | None
     Parameters
     ----------
     record : Record
-        The record of the scene.
+        The record of `scene`.
     scene : Scene
-        The scene.
+        The loaded scene, from which the unloaded film is derived.
     unloaded : Record or None
-        The record of the unloaded film, if that needs a solve and is another scene.
+        The record of the unloaded film; None if this needs no solve or is `scene` itself.
 
     Returns
     -------
     Record
-        With the integrals, or with a warning about their absence. If the solve of the unloaded film
-        has crashed, so has the scene.
+        A copy with the integrals. If the unloaded film has no solution, it is a copy with a warning
+        about that, or `record` itself if the scene has no solution either. If the solve of the
+        unloaded film has crashed, its status and reason become those of the copy.
     """
     problem = Problem.from_scene(scene)
     uniform = compute_uniform_integrals(problem)
     if uniform is not None:
         return _with_unloaded(record, uniform)
     solved = record if unloaded is None else unloaded
-    if solved.status not in Status.__members__.values():
+    if solved.status not in Status.__members__.values():  # the solve has crashed
         return replace(record, status=solved.status, reason=solved.reason)
     if solved.converged:
         integrals = solved.integrals_by(str(scene.numerics.observable))
@@ -103,7 +107,7 @@ def add_unloaded_integrals(record: Record, scene: Scene, unloaded: Record | None
 
 
 def _with_unloaded(record: Record, integrals: StressIntegrals) -> Record:
-    """Return a record with the stress integrals of the unloaded film."""
+    """Return a copy of a record with the stress integrals of the unloaded film."""
     return replace(
         record,
         unloaded_integrals=integrals.values.tolist(),
@@ -120,7 +124,8 @@ def _split_solution(
 ) -> list[Record]:
     """Make the records of scenes from their common solution.
 
-    `indices` are, by scene, the positions of its electrodes among the outputs.
+    `indices` has a list for each scene: the indices of its electrodes in `outputs`. Without a
+    converged solution the records have no stress integrals.
     """
     names = []
     for problem in problems:
@@ -166,7 +171,10 @@ def _split_solution(
 def _collect_outputs(
     problems: Sequence[Problem], frames: Array
 ) -> tuple[list[Output], list[list[int]]]:
-    """Collect the distinct outputs of problems, and by problem the positions of its electrodes."""
+    """Collect the distinct outputs of problems.
+
+    The second result has a list for each problem: the indices of its electrodes in the outputs.
+    """
     outputs: list[Output] = []
     index_of: dict[tuple[object, ...], int] = {}
     indices: list[list[int]] = []
@@ -174,9 +182,9 @@ def _collect_outputs(
         own = []
         for electrode in problem.outputs:
             output = replace(electrode, patch=None, frame=frame)
-            place = output.placed.make_signature(problem.scene.film.radius, DIGITS)
+            outline = output.placed.make_signature(problem.scene.film.radius, DIGITS)
             directions = np.round(output.directions, DIGITS).tobytes()
-            key = (place, directions, output.observable, output.d)
+            key = (outline, directions, output.observable, output.d)
             if key not in index_of:
                 index_of[key] = len(outputs)
                 outputs.append(output)
@@ -186,9 +194,10 @@ def _collect_outputs(
 
 
 def _follow_electrodes(outputs: Sequence[Output], problem: Problem) -> list[Output] | None:
-    """Return the outputs on a mesh that follows a scene's electrodes.
+    """Return copies of outputs with the mesh patches of the electrodes of `problem`.
 
-    Returns None if an output is not an electrode of this scene with parallel axes.
+    Return None if an output does not coincide with one of these electrodes, or if its axes are not
+    parallel to those of the mesh.
     """
     radius = problem.scene.film.radius
     patches = {}
@@ -208,9 +217,10 @@ def _follow_electrodes(outputs: Sequence[Output], problem: Problem) -> list[Outp
 def _evaluate_observable(
     solution: Solution, outputs: Sequence[Output], observable: Observable
 ) -> Array:
-    """Evaluate the stress integrals by an observable in N, (outputs, 2).
+    """Evaluate the stress integrals X and Y of all outputs by an observable, in N, (outputs, 2).
 
-    They are zero for electrodes that it is not defined for.
+    They are those of the solve if it used this observable, and zero for outputs for which the
+    observable is not defined.
     """
     integrals = np.zeros((len(outputs), 2))
     is_solved = np.array([output.observable == observable.name for output in outputs], bool)

@@ -49,15 +49,15 @@ class StoreError(FileError):
 
 @dataclass(frozen=True)
 class Record:
-    """A solution without its fields."""
+    """The charges, errors and warnings of a scene's solution, without displacement and stress."""
 
     status: str
     reason: str
     electrodes: tuple[str, ...]  #: Names of the electrodes.
-    #: By observable the stress integrals X, Y of the electrodes in N, (electrodes, 2): d31 X + d32
-    #: Y is the charge. Empty for a scene that has not converged.
+    #: For each observable the stress integrals X, Y of the electrodes in N, (electrodes, 2): the
+    #: charge is d31 X + d32 Y. Empty for a scene that has not converged.
     integrals: dict[str, list[list[float]]] = field(default_factory=dict)
-    #: Estimated errors of the integrals by the scene's observable.
+    #: Estimated errors of the integrals, for the scene's observable only.
     integral_errors: dict[str, list[list[float]]] = field(default_factory=dict)
     deflection_max_mm: float = 0.0
     warnings: tuple[str, ...] = ()
@@ -74,13 +74,13 @@ class Record:
 
     @property
     def converged(self) -> bool:
-        """Whether there are charges."""
+        """Whether the solve has converged, so that the record has charges."""
         return self.status == "converged"
 
     def integrals_by(self, observable: str) -> StressIntegrals:
         """Return the stress integrals by an observable; NaN for a record without charges.
 
-        Their errors are NaN for an observable that is not the scene's.
+        The errors are NaN for an observable that is not the scene's.
         """
         values = self.integrals.get(observable)
         errors = self.integral_errors.get(observable)
@@ -104,7 +104,7 @@ class Record:
     def charge_errors_pC(
         self, d31_pC_N: float, d32_pC_N: float, observable: str = "material"
     ) -> dict[str, float]:
-        """Return the estimated errors of `charges_pC`.
+        """Return the estimated errors of `charges_pC` in pC by electrode; NaN if not known.
 
         Parameters
         ----------
@@ -119,7 +119,7 @@ class Record:
     def _make_integrals(
         self, values: list[list[float]] | None, errors: list[list[float]] | None
     ) -> StressIntegrals:
-        """Make stress integrals; NaN for what is missing."""
+        """Make stress integrals; values or errors that are None or empty become NaN."""
         unknown = np.full((len(self.electrodes), 2), np.nan)
         return StressIntegrals(
             values=np.array(values) if values else unknown,
@@ -128,19 +128,19 @@ class Record:
 
 
 class Store:
-    """Records by scene, in a file that is made when needed.
+    """Records by scene in an SQLite file, which is made if it does not exist.
 
-    Several processes may use one file. A file that cannot be written is read.
+    Several processes may use one file. Records can be read from a file without write permission.
 
     Parameters
     ----------
     path : Path
-        The file.
+        Path of the file.
 
     Raises
     ------
     StoreError
-        If the file is damaged, or is not a store of this version.
+        If the file cannot be opened, is damaged, or is not a store of this version.
     """
 
     def __init__(self, path: Path) -> None:
@@ -155,7 +155,7 @@ class Store:
             raise
 
     def _open(self) -> None:
-        """Make the table of an empty file, and check the file."""
+        """Make the table in an empty file; raise `StoreError` if the file is damaged."""
         if self._is_empty():
             with self._transaction():
                 if self._is_empty():  # and no other process has made the table meanwhile
@@ -166,7 +166,7 @@ class Store:
             raise StoreError(f"{self._path}: damaged: {state[0]}; {_REMOVE}")
 
     def _is_empty(self) -> bool:
-        """Return whether the file has no tables; raise `StoreError` for tables of another kind."""
+        """Return whether the file is empty; raise `StoreError` if it is not a store."""
         # in this order, because another process may create the store between the two queries
         (tables,) = self._execute("SELECT count(*) FROM sqlite_master")
         (kind,) = self._execute("PRAGMA application_id")
@@ -175,7 +175,7 @@ class Store:
         return not kind
 
     def get(self, scene: Scene) -> Record | None:
-        """Return the record of a scene; None if it is missing, or its row is damaged."""
+        """Return the record of a scene; None if there is none, or if its row is damaged."""
         fields = self.get_value(make_record_key(scene))
         if fields is None:
             return None
@@ -184,7 +184,7 @@ class Store:
         return Record(**fields)
 
     def get_value(self, key: str) -> Any:
-        """Return the value under a key; None if there is none, or its row is damaged."""
+        """Return the value under a key; None if there is none, or if its row is damaged."""
         row = self._execute("SELECT record FROM records WHERE key = ?", key)
         if not row:
             return None
@@ -198,38 +198,38 @@ class Store:
         return self.get(scene) is not None
 
     def put(self, records: Iterable[tuple[Scene, Record]]) -> None:
-        """Add the records of scenes in a single transaction."""
+        """Store the records of scenes in a single transaction; existing ones are replaced."""
         values = {}
         for scene, record in records:
             values[make_record_key(scene)] = vars(record)
         self.put_values(values)
 
     def put_values(self, values: Mapping[str, Any]) -> None:
-        """Add values for JSON, by key, in a single transaction."""
+        """Store JSON values under their keys in a single transaction; replace existing ones."""
         with self._transaction():
             for key, value in values.items():
                 text = zlib.compress(json.dumps([key, value]).encode())
                 self._execute("INSERT OR REPLACE INTO records VALUES (?, ?)", key, text)
 
     def require_writable(self) -> None:
-        """Raise `StoreError` when the file cannot be written: records would be lost."""
-        self._execute(_SIGN)
+        """Raise `StoreError` if the file cannot be written; called before a solve."""
+        self._execute(_SIGN)  # writes the application id that the file has already
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        """Begin a transaction, and roll it back on an error."""
+        """Run the block in a transaction: commit it at the end, or roll it back on an error."""
         with self._translated_errors(), self._rows:
             self._execute("BEGIN IMMEDIATE")
             yield
 
     def _execute(self, query: str, *values: str | bytes) -> Any:
-        """Return the first row of a query's result."""
+        """Execute a query, and return the first row of its result; None if it has no rows."""
         with self._translated_errors():
             return self._rows.execute(query, values).fetchone()
 
     @contextmanager
     def _translated_errors(self) -> Iterator[None]:
-        """Raise errors of the file as `StoreError`, with advice."""
+        """Raise errors of SQLite and of the file system in the block as `StoreError`."""
         try:
             yield
         except (sqlite3.Error, OSError, UnicodeDecodeError) as error:
@@ -238,7 +238,8 @@ class Store:
                 code = sqlite3.SQLITE_CORRUPT
             elif isinstance(error, sqlite3.ProgrammingError):
                 code = sqlite3.SQLITE_MISUSE
-            advice = _ADVICE.get(code & 0xFF, "name another file or see to its disk")
+            primary_code = code & 0xFF  # the upper bytes distinguish its variants
+            advice = _ADVICE.get(primary_code, "name another file or see to its disk")
             raise StoreError(f"{self._path}: {error}; {advice}") from error
 
     def close(self) -> None:

@@ -39,7 +39,7 @@ class ClusterLostError(ClusterError):
 
 @dataclass(frozen=True)
 class WorkerDied:
-    """Takes the place of a missing result."""
+    """The result of a task whose process died, or that raised an error."""
 
     reason: str
 
@@ -51,29 +51,31 @@ def run_on_processes(
 ) -> Iterator[tuple[int, Result | WorkerDied]]:
     """Run a function on tasks in local processes.
 
-    New processes run linear algebra on a single thread, and end with the calling process. When a
+    New processes run linear algebra on a single thread, and end with the calling process. If a
     process dies, the processes are replaced, and tasks without a result are run again one by one.
+    If the caller stops early or an error is raised, all processes are killed.
 
     Parameters
     ----------
     function : callable
-        Runs one task.
+        Function of a task that returns its result.
     tasks : iterable of (int, task)
-        Numbered tasks, read when processes are free.
+        Tasks with their numbers; the iterable is read as processes become free.
     processes : int, optional
-        Number of processes, by default one for every core; 1 starts none.
+        Number of processes, by default one for every core. 1 runs the tasks in the calling process.
 
     Yields
     ------
     number : int
         The number of a task, in order of completion.
     result : Result or WorkerDied
-        `WorkerDied` for a task that kills its process twice, or raises an error.
+        `WorkerDied` for a task whose process dies twice, or that raises an error in a process.
 
     Raises
     ------
     GmshMissingError
-        The only error of a task that is raised, since no task can be run then.
+        If a task raises it, since no other task can be run then. In the calling process every error
+        of a task is raised.
     """
     count = joblib.effective_n_jobs(-1 if processes is None else processes)
     if count == 1:
@@ -99,7 +101,7 @@ def run_on_processes(
 
 
 def exit_with_parent(parent: int) -> None:
-    """End this process soon after its parent, even if that is killed.
+    """Start a thread that ends this process soon after its parent, even if that is killed.
 
     Parameters
     ----------
@@ -125,9 +127,9 @@ def run_on_cluster(
     Parameters
     ----------
     function : callable
-        Runs one task.
+        Function of a task that returns its result.
     tasks : iterable of (int, task)
-        Numbered tasks, read when workers are free.
+        Tasks with their numbers; the iterable is read as workers become free.
     scheduler : str
         Address of the scheduler, like ``tcp://127.0.0.1:8786``.
 
@@ -136,9 +138,12 @@ def run_on_cluster(
     number : int
         The number of a task, in order of completion.
     result : Result or WorkerDied
+        `WorkerDied` for a task that raises an error.
 
     Raises
     ------
+    GmshMissingError
+        If a task raises it, since no other task can be run then.
     ClusterError
         If dask is not installed, or no scheduler answers.
     ClusterLostError
@@ -161,7 +166,7 @@ def run_on_cluster(
 
 
 def _connect(scheduler: str) -> Any:
-    """Return a client of a Dask scheduler; raise `ClusterError` if there is none."""
+    """Connect to a Dask scheduler; raise `ClusterError` without dask or without an answer."""
     try:
         # otherwise a scheduler that stops is logged with its traceback
         loggers = ("distributed", "distributed.client", "tornado", "asyncio")
@@ -186,8 +191,8 @@ def _run(
 ) -> Iterator[tuple[int, Result | WorkerDied]]:
     """Yield the numbers of tasks with their results, in order of completion.
 
-    Twice as many tasks as workers are submitted at a time. An executor with a dead process has lost
-    its tasks; `get_executor` replaces it, and the lost tasks are submitted again one by one.
+    Up to twice as many tasks as workers are submitted at a time. An executor with a dead process
+    has lost its tasks; `get_executor` replaces it, and the lost tasks are submitted one by one.
     """
     remaining = iter(tasks)
     running: dict[Future[Result], tuple[int, Task]] = {}
@@ -197,6 +202,7 @@ def _run(
         if is_single:
             submitted = [lost.pop()]
         else:
+            # lost tasks come first; they wait until no other task runs
             room = 0 if lost else max(1, 2 * count_workers()) - len(running)
             submitted = list(islice(remaining, max(room, 0)))
         for numbered in submitted:
@@ -210,7 +216,7 @@ def _run(
             return
         done, _ = wait(running, return_when=FIRST_COMPLETED)
         if any(_is_lost(future) for future in done):
-            done, _ = wait(running)
+            done, _ = wait(running)  # the other tasks of the executor are lost or done, too
         for future in sorted(done, key=_is_lost):
             numbered = running.pop(future)
             if _is_lost(future) and not is_single:
@@ -221,7 +227,7 @@ def _run(
 
 
 def _get_result(future: Future[Result]) -> Result | WorkerDied:
-    """Return the result of a task, or its error as `WorkerDied`."""
+    """Return the result of a task, or its error as `WorkerDied`; raise `GmshMissingError`."""
     error = future.exception()
     if isinstance(error, GmshMissingError):
         raise error
@@ -231,5 +237,5 @@ def _get_result(future: Future[Result]) -> Result | WorkerDied:
 
 
 def _is_lost(future: Future[Any]) -> bool:
-    """Return whether the process of a task has died."""
+    """Return whether a finished task was lost because a process of its executor died."""
     return isinstance(future.exception(), TerminatedWorkerError)

@@ -291,7 +291,7 @@ def load_or_build_response(
     """
     from pvdf_fem.log import logger
     from pvdf_fem.surrogate.response import Response
-    from pvdf_fem.surrogate.response_key import has_same_readout, require_same_mechanics
+    from pvdf_fem.surrogate.response_key import gives_same_charges, require_same_mechanics
     from pvdf_fem.surrogate.touch_domain import centre_probe
 
     path = choice.find_path(scene, scene_file)
@@ -303,7 +303,7 @@ def load_or_build_response(
         require_same_mechanics(stored.scene, scene)
         if as_stored:
             return stored
-        if not has_same_readout(stored.scene, scene):
+        if not gives_same_charges(stored.scene, scene):
             print(f"evaluating {path} for other electrodes, d31 or d32", file=sys.stderr)
         response = stored.for_scene(scene, progress=choice.progress)
     except ValueError as error:

@@ -290,8 +290,10 @@ def _assemble_elastic_stiffness(equilibrium: Equilibrium, state: State) -> Any:
     space, membrane = equilibrium.space, equilibrium.membrane
     film_terms = [term for term in equilibrium.terms if not isinstance(term, LoadTerm)]
     film = equilibrium.with_terms(film_terms)
-    # Membrane tension times quadrature weights, shape (elements, points, 2, 2).
-    tension = (state.stress * membrane.volumes[..., None])[..., [[0, 2], [2, 1]]]
+    # Membrane tension times quadrature weights. Its components 11, 22, 12 become a matrix of the
+    # shape (elements, points, 2, 2).
+    weighted_stress = state.stress * membrane.volumes[..., None]
+    tension = weighted_stress[..., [[0, 2], [2, 1]]]
     gradients = space.gradients
     products = np.matmul(np.matmul(gradients, tension), gradients.swapaxes(2, 3))
     geometric = equilibrium.assembly.matrix(space.expand_to_components(products.sum(axis=1)))

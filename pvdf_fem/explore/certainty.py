@@ -23,10 +23,10 @@ from pvdf_fem.solver.solution import Solution
 from pvdf_fem.summary import TextTable
 from pvdf_fem.view.touch_map import compute_deviation_ellipse
 
-#: An ellipse smaller than this fraction of the film's radius is magnified.
+#: Ellipses are magnified if none is longer than this fraction of the film's radius.
 SMALL_ELLIPSE = 0.02
-MAGNIFICATION = 10
-#: Names of unknown quantities of a touch.
+MAGNIFICATION = 10  #: Factor by which small ellipses are magnified.
+#: Names of the quantities of a touch that count as unknown.
 UNKNOWN = ("x_mm", "y_mm", "force_N", "depth_mm")
 
 
@@ -43,9 +43,10 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
     Returns
     -------
     dict
-        `message` about the deviations, or the reason why there are none; `ellipses` of one standard
-        deviation of the position, each a list of points in mm, magnified if all are small;
-        `table` of the unknown quantities in HTML.
+        `message` on the standard deviations, or the reason why there are none; `ellipses` of one
+        standard deviation of the position, each a list of points in mm, magnified by
+        `MAGNIFICATION` if all are small; `table` of the unknown quantities in HTML. Without
+        standard deviations `ellipses` and `table` are empty.
     """
     solution = solve_text(text)
     scene = solution.scene
@@ -78,7 +79,10 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
 
 
 def _magnify(ellipse: Array) -> Array:
-    """Enlarge an ellipse about its centre by `MAGNIFICATION`; its last point repeats the first."""
+    """Enlarge an ellipse by `MAGNIFICATION` about its centre.
+
+    The last of its points must repeat the first one, since the centre is the mean of the others.
+    """
     centre = ellipse[:-1].mean(axis=0)
     return np.asarray(centre + MAGNIFICATION * (ellipse - centre))
 
@@ -93,18 +97,21 @@ def _estimate_covariance(solution: Solution, values: dict[str, float], noise: fl
     values : dict of str to float
         Unknown quantities of the touch by scene key.
     noise : float
-        Relative standard deviation of the readings.
+        Relative standard deviation of the readings, in addition to the noise of the readout.
 
     Returns
     -------
     ndarray, shape (keys, keys)
-        The inverse of JᵀJ. J is the Jacobian of the readings, divided by their standard
-        deviations, with respect to the unknown quantities.
+        The inverse of JᵀJ in the units of the keys. J has the derivatives of the charges with
+        respect to the unknown quantities, divided by the standard deviations of the charges.
 
     Raises
     ------
     ValueError
-        If the readings do not determine the touch, or if they have no noise.
+        If the readings do not determine the touch, if one has no noise, or if changes are read and
+        the charges of the unloaded film are not known.
+    NotConvergedError
+        If the scene has no solution.
     """
     scene = solution.scene
     reads_changes = scene.readout is not None and scene.readout.reading == "change"
@@ -122,7 +129,8 @@ def _estimate_covariance(solution: Solution, values: dict[str, float], noise: fl
     rates = gradients(solution, list(values))
     columns = [[rates[key][name] for name in charges_pC] for key in values]
     jacobian = np.array(columns).T / deviations_pC[:, None]
-    # the touch is determined if no deviation is above the film's radius, or the force itself
+    # The touch is determined if its standard deviation along every direction is at most the film's
+    # radius for positions, and the value itself for forces and depths.
     scales = [
         scene.film.radius_mm if key.endswith(("x_mm", "y_mm")) else value
         for key, value in values.items()
@@ -137,7 +145,7 @@ def _estimate_covariance(solution: Solution, values: dict[str, float], noise: fl
 
 
 def _format_name(scene: Scene, key: str) -> str:
-    """Format a scene key in words, with the number of the probe if there are several."""
+    """Format a scene key in words, after its table if this is one of a list of tables."""
     table, _, name = key.rpartition(".")
     title = format_title(find_section(scene, table), name)
     return f"{table} {title}" if "[" in table else title

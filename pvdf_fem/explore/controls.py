@@ -26,12 +26,26 @@ TEXTS_OF_VIEW = {
     "quantity": ("colour of the film", "The quantity that colours the film."),
     "noise": ("noise of readings", "Standard deviation of a reading, relative to the reading."),
 }
-#: Keys with a control even if the scene lacks their table, which a choice then adds.
+#: Keys that have a control even if the scene lacks their table. A choice then adds the table.
 KEYS_THAT_ADD_TABLES = ("probe.shape", "electrodes.layout")
 
 
 def describe_outlines(scene: Scene) -> dict[str, Any]:
-    """Return the outlines of film, electrodes and probes in mm, for the page to draw."""
+    """Describe film, electrodes and probes in mm, for the page to draw.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene to draw.
+
+    Returns
+    -------
+    dict
+        `radius` of the film; `electrodes` with `name`, `colour` and outline; and `probes` with
+        `key`, outline, `rotation`, whether it `can_turn`, and `handle_distance` of the handle that
+        turns it. An outline has its `points`, and `x` and `y` of its centroid, or of the position
+        for a probe.
+    """
     electrodes = [
         {"name": electrode.name, "colour": choose_colour(i), **_describe_outline(electrode.outline)}
         for i, electrode in enumerate(scene.electrode_list)
@@ -53,7 +67,7 @@ def describe_outlines(scene: Scene) -> dict[str, Any]:
 
 
 def choose_colour(electrode: int) -> str:
-    """Return the colour of an electrode and its bars by the electrode's index."""
+    """Return the colour of the electrode with this index; colours repeat after the last one."""
     return COLOURS[electrode % len(COLOURS)]
 
 
@@ -70,19 +84,23 @@ def _describe_outline(outline: Outline) -> dict[str, Any]:
 
 
 def describe_controls(view: View) -> dict[str, list[dict[str, Any]]]:
-    """Return the controls of a view by table.
+    """Describe the controls with which the page shows and changes the values of a view.
+
+    Values that the scene lacks have no control, except for `KEYS_THAT_ADD_TABLES`, nor has the
+    rotation of a round probe.
 
     Parameters
     ----------
     view : View
-        The view.
+        The view with the values.
 
     Returns
     -------
     dict
-        Controls by table of the scene; ``picture`` has the values that are not in the scene. Each
-        control has `key`, `title`, `meaning` and `value`. A word also has `choices`; a number has
-        `min`, `max` and `step`, where the limits include the value. A list has its value as TOML.
+        Lists of controls by table of the scene; ``picture`` has those of the values that are not in
+        the scene. Each control has `key`, `title`, `meaning` and `value`, which is TOML for a list.
+        A word also has `choices`. A number also has `min`, `max` and `step`, and the limits include
+        the value.
     """
     controls: dict[str, list[dict[str, Any]]] = {}
     for key in _list_keys(view.scene):
@@ -114,7 +132,11 @@ def describe_controls(view: View) -> dict[str, list[dict[str, Any]]]:
 
 
 def _list_keys(scene: Scene) -> Iterator[str]:
-    """Yield the keys that may have controls; keys with choices come first."""
+    """Yield the keys of a scene that may have controls, those of `CHOICES` first.
+
+    Keys of a probe are repeated for each probe. Keys of the load are omitted if they have no effect
+    or if there is no probe.
+    """
     unused = set(scene.find_unused_load_keys(SLIDERS))
     probes = [probe.key for probe in scene.loaded_probes]
     for key in (*CHOICES, *SLIDERS):
@@ -128,19 +150,22 @@ def _list_keys(scene: Scene) -> Iterator[str]:
 
 
 def _compute_tension(film: Film) -> float | tuple[float, ...]:
-    """Compute the tension of the unloaded film in N/m: one number, or those along x and y."""
+    """Compute the tension of the unloaded film in N/m: one number, or two if x and y differ."""
     x, y = np.round(film.thickness * film.prestress[:2], 4).tolist()
     return x if x == y else (x, y)
 
 
 def format_title(section: Any, name: str) -> str:
-    """Format the name of a key of a table in words, with its unit."""
+    """Return the title of a key in words, with its unit, for a table or view and a name in it."""
     key = section.table_keys[name] if isinstance(section, Section) else Key()
     return str(key.title(name))
 
 
 def find_section(scene: Scene, table: str) -> Any:
-    """Return the table or list of tables at a key of a scene, or None if the scene lacks it."""
-    name, *index = parse_key(table)
+    """Return the table of a scene with a name such as ``film`` or ``probe[0]``.
+
+    A name without a number may also belong to a list of tables. None if the scene lacks the table.
+    """
+    name, *indices = parse_key(table)
     section = getattr(scene, name)
-    return section[index[0]] if index else section
+    return section[indices[0]] if indices else section

@@ -24,7 +24,7 @@ from pvdf_fem.solver.adaptive import solve_problem
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.solution import Solution
 
-TOLERANCE = 1e-2  #: Minimum tolerance of the charges.
+TOLERANCE = 1e-2  #: Tolerance of the charges, unless that of the scene is larger.
 MAX_SECONDS = 5.0  #: Maximum CPU time of a solve in seconds, unless the scene limits it.
 ORDER = 2  #: Order of the elements; at this tolerance, order 2 takes a fifth less time than 3.
 PIXELS = 160  #: Pixels along the film's diameter.
@@ -47,7 +47,7 @@ def _compute_deflection(solution: Solution) -> Array:
 
 
 def _compute_stress(solution: Solution) -> Array:
-    """Compute S11 + S22 in MPa at the dofs of a solution's basis, projected to this basis."""
+    """Compute the stress S11 + S22 in MPa, projected to the dofs of a solution's basis."""
     discrete = solution.discrete
     points = solution.basis.X
     stress = evaluate_in_elements(discrete.equilibrium, discrete.state, points).stress_MPa
@@ -69,7 +69,7 @@ class Picture(NamedTuple):
 
 
 def solve_picture(text: str, quantity: str) -> Picture:
-    """Solve the text of a scene file, and return its result with an image of a quantity."""
+    """Solve the text of a scene file, and sample the field of a key of `QUANTITIES`."""
     solution = solve_text(text)
     image = None
     if solution.status is Status.CONVERGED:
@@ -79,9 +79,10 @@ def solve_picture(text: str, quantity: str) -> Picture:
 
 @lru_cache(maxsize=1)
 def solve_text(text: str) -> Solution:
-    """Solve the text of a scene file to `TOLERANCE`, or to the scene's tolerance if it is larger.
+    """Solve the text of a scene file with limits that keep the page responsive.
 
-    The last solution is cached.
+    The tolerance is at least `TOLERANCE`, the CPU time is limited to `MAX_SECONDS` unless the scene
+    limits it, and the order of the elements is `ORDER`. The last solution is cached.
     """
     scene = Scene.parse(text)
     limits = {
@@ -104,14 +105,14 @@ def encode_image(image: Array, quantity: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        `url` with the PNG; `label`; `low` and `high`, the ends of the colour scale as texts, which
-        includes zero; and `colours` between them.
+        `url` that contains the PNG; `label` of the quantity; `low` and `high`, the ends of the
+        colour scale as texts; and `colours` from the low to the high end. The scale includes zero.
     """
     low = min(0.0, float(np.nanmin(image)))
     high = max(0.0, float(np.nanmax(image)))
     label, palette, _ = QUANTITIES[quantity]
     if -low > high:
-        palette = f"{palette}_r"
+        palette = f"{palette}_r"  # reversed: the darkest colour is at the value farthest from zero
     png = BytesIO()
     imsave(png, image, vmin=low, vmax=high, cmap=palette, origin="lower", format="png")
     colours = colormaps[palette](np.linspace(0.0, 1.0, 9))
@@ -125,7 +126,7 @@ def encode_image(image: Array, quantity: str) -> dict[str, Any]:
 
 
 def sample_image(solution: Solution, values: Array, pixels: int = PIXELS) -> Array:
-    """Sample a field at the pixels of the square around the film.
+    """Sample a field at the pixels of a square image of the film.
 
     Parameters
     ----------
@@ -139,24 +140,26 @@ def sample_image(solution: Solution, values: Array, pixels: int = PIXELS) -> Arr
     Returns
     -------
     ndarray of float32, shape (pixels, pixels)
-        The field, with y increasing along the first axis. Pixels just outside the rim have the
-        value at the rim, others outside have NaN.
+        The field, with y increasing along the first axis. Pixels up to about two pixels outside the
+        rim have the value at the rim, other pixels outside have NaN.
     """
     mesh = solution.mesh
     basis = solution.basis
     radius = solution.scene.film.radius
     ticks = radius * ((np.arange(pixels) + 0.5) / pixels * 2.0 - 1.0)
-    square = np.stack(np.meshgrid(ticks, ticks))
-    near = np.hypot(*square) < (1.0 + 4.0 / pixels) * radius
-    points = square[:, near]
-    points /= np.maximum(np.hypot(*points) / radius, 1.0)
+    centres = np.stack(np.meshgrid(ticks, ticks))
+    is_near = np.hypot(*centres) < (1.0 + 4.0 / pixels) * radius
+    points = centres[:, is_near]
+    points /= np.maximum(np.hypot(*points) / radius, 1.0)  # moves points outside to the rim
     find_elements = Triangulation(mesh.p[0], mesh.p[1], mesh.t.T).get_trifinder()
     elements: Any = find_elements(*points)
-    outside = elements < 0
-    elements[outside] = find_elements(*(INWARD * points[:, outside]))
+    is_missed = elements < 0
+    elements[is_missed] = find_elements(*(INWARD * points[:, is_missed]))
     local = compute_local_coordinates(mesh, elements, points.T[:, None])[:, :, 0]
-    nodal = values[basis.element_dofs[:, elements]]
-    field = np.einsum("pf,fp->p", evaluate_shape_functions(basis.elem, local), nodal)
-    image = np.full(near.shape, np.nan, dtype=np.float32)
-    image[near] = field.clip(values.min(), values.max())  # at the rim the field is extrapolated
+    values_at_dofs = values[basis.element_dofs[:, elements]]
+    shape_functions = evaluate_shape_functions(basis.elem, local)
+    field = np.einsum("pf,fp->p", shape_functions, values_at_dofs)
+    image = np.full(is_near.shape, np.nan, dtype=np.float32)
+    # Between the straight side of an element and the rim, the field is extrapolated.
+    image[is_near] = field.clip(values.min(), values.max())
     return image

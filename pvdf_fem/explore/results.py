@@ -24,8 +24,9 @@ def collect_results(text: str, quantity: str) -> dict[str, Any]:
     Returns
     -------
     dict
-        `status`; `reason` why there is no solution, or empty; `warnings`; `image` as returned by
-        `encode_image`, or None; `bars` of charges and of readings; `numbers` in HTML.
+        `status`; `reason` why the solve did not converge, or empty; `warnings`; `image` as returned
+        by `encode_image`, or None if the solve did not converge; `bars`, one group for the charges
+        and one for the readings; `numbers`, a summary of the solution in HTML.
     """
     result, image = solve_picture(text, quantity)
     reason = ""
@@ -57,7 +58,7 @@ def _make_bars(
     name, title : str
         Name of the group in the page, and its heading.
     values, errors : mapping of str to float
-        Values and their errors by electrode. `errors` is empty if they are unknown.
+        Values and their numerical errors by electrode. `errors` is empty if none is known.
 
     Returns
     -------

@@ -1,6 +1,6 @@
 """The server of the page.
 
-It does not keep a state: the address in the browser contains the view, and the browser's history
+The server stores no state: the address in the browser contains the view, and the browser's history
 undoes and redoes changes.
 """
 
@@ -34,7 +34,7 @@ FILES = {"/": ("page.html", "text/html"), "/page.js": ("page.js", "text/javascri
 
 
 def serve(scene: Scene, file: Path, port: int, browser: bool) -> None:
-    """Serve the page of a scene until Ctrl-C.
+    """Serve the page of a scene until Ctrl-C, and print its address.
 
     Parameters
     ----------
@@ -74,13 +74,14 @@ def describe_view(start: Scene, query: str, change: str) -> dict[str, Any]:
     query : str
         Query of the link to the view.
     change : str
-        Changes of the view, such as ``KEY=VALUE KEY=VALUE``, or empty.
+        Changes of the view, such as ``KEY=VALUE KEY=VALUE``; empty for none.
 
     Returns
     -------
     dict
-        `query` of the changed view; `refused` with the errors of an invalid query or change; and
-        the outlines and `controls` of the view.
+        `query` of the changed view; `refused`, the error messages of an invalid query or change;
+        `controls`; and the outlines by `describe_outlines`. If the query is invalid, the view is
+        that of the scene file; if the change is invalid, the view is unchanged.
     """
     view = View(start)
     errors: tuple[str, ...] = ()
@@ -99,9 +100,10 @@ def describe_view(start: Scene, query: str, change: str) -> dict[str, Any]:
 
 
 def _get_solver() -> Any:
-    """Return the executor of the solver process.
+    """Return the executor of the one process in which scenes are solved.
 
-    A new process is started if the old one died. It ends with this process.
+    At the first call, or if the solver process has died, a new one is started. It ends with this
+    process.
     """
     return get_reusable_executor(
         max_workers=1,
@@ -113,7 +115,7 @@ def _get_solver() -> Any:
 
 
 def _run_in_solver(function: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
-    """Call a function in the solver process; return its result, or the error as `failed`."""
+    """Call a function in the solver process; return its dict, or the error message as `failed`."""
     try:
         return dict(_get_solver().submit(function, *arguments).result())
     except (RuntimeError, ValueError) as error:  # RuntimeError if the process died, among others
@@ -138,7 +140,10 @@ class Handler(BaseHTTPRequestHandler):
         super().__init__(*connection)
 
     def do_GET(self) -> None:
-        """Answer a request for the page or for a part of a view, if its host is in `HOSTS`."""
+        """Answer a request for the page, for a view or for its results.
+
+        The answer is error 403 if the host that the request names is not in `HOSTS`.
+        """
         url = urlsplit(self.path)
         parameters = {name: values[-1] for name, values in parse_qs(url.query).items()}
         host, _, _ = self.headers.get("Host", "").partition(":")
@@ -155,7 +160,10 @@ class Handler(BaseHTTPRequestHandler):
             self._answer_about_view(url.path, parameters.get("at", ""))
 
     def _answer_about_view(self, path: str, query: str) -> None:
-        """Answer a request for the image, the certainty or the scene file of a view."""
+        """Answer a request for the results, the certainty or the scene file of a view.
+
+        The answer is error 400 if the query of the view is invalid, and 404 for another path.
+        """
         try:
             view = View.from_query(self.start, query)
         except SceneError:
@@ -171,7 +179,7 @@ class Handler(BaseHTTPRequestHandler):
             self.send_error(404)
 
     def _send(self, text: str, media_type: str = "application/json") -> None:
-        """Send a text as the answer, which the browser must not cache."""
+        """Send a text as the answer, with a header that forbids the browser to cache it."""
         body = text.encode()
         self.send_response(200)
         self.send_header("Content-Type", f"{media_type}; charset=utf-8")

@@ -96,8 +96,9 @@ class View:
     def with_typed_changes(self, text: str) -> View:
         """Return a copy of the view with values that were typed or chosen on the page.
 
-        If the scene does not allow a choice, it is tried again with each choice for its partner
-        key (`PARTNERS`). For example, a sphere needs ``load.kind = "contact"``.
+        If the scene does not allow the changes and a word was chosen for a key of `PARTNERS`, they
+        are tried again with each word for the partner key. For example, a sphere needs
+        ``load.kind = "contact"``.
 
         Parameters
         ----------
@@ -112,7 +113,7 @@ class View:
         Raises
         ------
         SceneError
-            If a value is not allowed.
+            If the text is not valid, or if a value is not allowed.
         """
         typed = _parse_changes(text)
         choices = {key: word for key, word in typed.items() if drop_probe_number(key) in CHOICES}
@@ -133,7 +134,11 @@ class View:
             raise
 
     def _expand_choice(self, key: str, word: str) -> dict[str, Any]:
-        """Return the changes for a chosen word; a shape also gets example values of its sizes."""
+        """Return the changes of the scene or view for a word that was chosen for a key.
+
+        A shape also gets example values of its sizes. If the key has no number but its table is a
+        list of tables, a single table replaces the list.
+        """
         table, _, name = key.rpartition(".")
         plain_table = drop_probe_number(table)
         section = getattr(self.scene, plain_table, None) if table else None
@@ -183,7 +188,7 @@ class View:
         Raises
         ------
         SceneError
-            If the link has a value that is not allowed.
+            If the query cannot be parsed, or has a value that `with_changes` does not allow.
         """
         changes: dict[str, Any] = {}
         for name, text in parse_qsl(query, keep_blank_values=True):
@@ -193,7 +198,7 @@ class View:
 
 
 def _list_partners(keys: Iterable[str]) -> list[str]:
-    """Return the partners of some keys, in the order of `CHOICES`."""
+    """Return the keys that are partners (`PARTNERS`) of some keys, in the order of `CHOICES`."""
     partners = {PARTNERS.get(drop_probe_number(key)) for key in keys}
     return [key for key in CHOICES if key in partners]
 
@@ -208,7 +213,8 @@ def _parse_changes(text: str) -> dict[str, Any]:
     """Parse changes ``KEY=VALUE KEY=VALUE``, and return the values by key.
 
     The text is split before each ``KEY=``. A piece that is incomplete TOML, such as the beginning
-    of a table with ``=`` in it, is joined with the next piece.
+    of a table with ``=`` in it, is joined with the next piece. A `SceneError` is raised if the text
+    is empty or its end is not a change.
     """
     changes: dict[str, Any] = {}
     incomplete = ""
@@ -230,10 +236,10 @@ def drop_probe_number(key: str) -> str:
 
 
 class KeyExplanation(NamedTuple):
-    """Meaning and range of a key of a scene, and an example of its value."""
+    """Meaning of a key of a scene, and an example of its value."""
 
-    meaning: str
-    example: Any
+    meaning: str  #: Meaning, unit and range of the values in words.
+    example: Any  #: An allowed value.
 
 
 def explain_key(table: str, name: str) -> KeyExplanation:
@@ -250,6 +256,11 @@ def explain_key(table: str, name: str) -> KeyExplanation:
     Returns
     -------
     KeyExplanation
+
+    Raises
+    ------
+    KeyError
+        If no table has a key of this name.
     """
     by_table, by_name = _read_key_texts()
     text = by_table.get((table, name)) or by_name[name]
@@ -262,7 +273,7 @@ def explain_key(table: str, name: str) -> KeyExplanation:
 def _read_key_texts() -> tuple[dict[tuple[str, str], str], dict[str, str]]:
     """Read the texts of all scene keys by table and name, and by name alone.
 
-    If a key has several texts, the first counts by table and name, the last by name alone.
+    If several texts belong to one entry, the first is stored by table and name, the last by name.
     """
     by_table: dict[tuple[str, str], str] = {}
     by_name: dict[str, str] = {}

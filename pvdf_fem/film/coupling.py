@@ -44,7 +44,7 @@ class FloatingElectrode:
     name: str
     outline: Outline
     film: Film
-    load: float  #: Capacitance that the electrode is wired to, in F.
+    load: float  #: Capacitance C_L of the electrode's wires in F.
 
     @cached_property
     def e(self) -> Array:
@@ -53,21 +53,25 @@ class FloatingElectrode:
 
     @cached_property
     def capacitance(self) -> float:
-        """Capacitance C + C_L of electrode and wires in F."""
+        """Capacitance C + C_L of electrode and wires in F.
+
+        A permittivity ε_S that is not positive, from a d too large for ε_T, counts as nearly zero.
+        """
         permittivity = max(self.film.clamped_permittivity, np.finfo(float).tiny)
         return permittivity * self.outline.area / self.film.thickness + self.load
 
     @cached_property
     def coupling_matrix(self) -> Array:
-        """Matrix from the stress integrals X, Y by strain to those by the voltage, shape (2, 2).
+        """Matrix that maps X and Y of the stress by strain to X and Y of the stress by voltage.
 
-        The stress integrals by strain count from the unloaded film, whose voltage is zero.
+        X = ∫ S11 dA and Y = ∫ S22 dA are integrals over the electrode. Those by strain are changes
+        from the unloaded film, whose voltage is zero. The matrix has the shape (2, 2).
         """
         factor = self.outline.area / self.film.thickness / self.capacitance
         return factor * np.outer(self.e[:2], [self.film.d31, self.film.d32])
 
     def with_voltage(self, integrals: Array) -> Array:
-        """Add the stress by the electrode's own voltage to its stress integrals X and Y.
+        """Return the stress integrals X and Y with the stress by the electrode's own voltage.
 
         Parameters
         ----------
@@ -83,7 +87,7 @@ class FloatingElectrode:
         return np.asarray(integrals + self.coupling_matrix @ (integrals - unloaded))
 
     def estimate_effect(self, scene: Scene, probe: LoadedProbe, own_fraction: float = 0.4) -> float:
-        """Estimate how much coupling changes the electrode's charge.
+        """Estimate the relative change of the electrode's charge by its own voltage.
 
         Parameters
         ----------
@@ -93,19 +97,20 @@ class FloatingElectrode:
             The probe that presses; other probes are ignored.
         own_fraction : float
             Fraction of a stress imposed on a small part of a film that remains there: (1 - ν)/2, or
-            (1 + ν)/4 for a shear (Eshelby).
+            (1 + ν)/4 for a shear (Eshelby). For a Poisson's ratio ν >= 0.2 neither exceeds 0.4.
 
         Returns
         -------
         float
-            Change divided by the charge.
+            Change of the charge divided by the charge.
         """
         area = self.outline.area
         pressed_area, force = estimate_pressed_area(scene, probe)
         radius = math.sqrt(area / math.pi)
         pressed_radius = math.sqrt(pressed_area.area / math.pi)
         distance = math.dist(self.outline.centroid, pressed_area.centroid)
-        # the tension at half its radius is about the mean over an electrode under the probe
+        # for an electrode under the probe, the tension at half the electrode's radius is about the
+        # mean over the electrode
         r = max(distance - radius, pressed_radius, 0.5 * radius)
         covered = area / (math.pi * self.film.radius**2)
         remaining = own_fraction + (1.0 - own_fraction) * covered
@@ -214,7 +219,7 @@ class Coupling(Term):
 
 
 def find_floating_electrodes(scene: Scene) -> tuple[FloatingElectrode, ...]:
-    """Find the electrodes that no charge amplifier keeps at zero voltage."""
+    """Find the electrodes that are read by a voltage, not kept at zero by a charge amplifier."""
     readout = scene.readout or Readout()
     floating = []
     for electrode in scene.electrode_list:
@@ -234,14 +239,16 @@ def find_coupled_electrodes(scene: Scene) -> tuple[FloatingElectrode, ...]:
     With ``film.coupling = "auto"`` coupling is included if its estimated effect exceeds the
     tolerance of the charges.
     """
-    is_coupled = scene.film.coupling
-    if is_coupled == "auto":
+    choice = scene.film.coupling
+    if choice == "auto":
         is_coupled = estimate_coupling_effect(scene) > scene.numerics.tolerance
+    else:
+        is_coupled = choice
     return find_floating_electrodes(scene) if is_coupled else ()
 
 
 def estimate_coupling_effect(scene: Scene) -> float:
-    """Estimate the largest relative change of any electrode's charge by coupling."""
+    """Estimate the largest relative change by coupling over all floating electrodes and probes."""
     largest = 0.0
     for electrode in find_floating_electrodes(scene):
         for probe in scene.loaded_probes:
@@ -250,7 +257,7 @@ def estimate_coupling_effect(scene: Scene) -> float:
 
 
 def describe_coupling(scene: Scene) -> Iterator[EffectNote]:
-    """Yield a note about the effect of coupling if the scene has floating electrodes."""
+    """Yield one note about the effect of coupling, or none without floating electrodes."""
     floating = find_floating_electrodes(scene)
     if not floating:
         return

@@ -17,7 +17,7 @@ class EffectNote(NamedTuple):
 
 
 def format_two_digits(value: float) -> str:
-    """Format a number with two significant digits and without an exponent, such as 220."""
+    """Round a number to two significant digits and format it, for example 216 as 220."""
     return f"{float(f'{value:.2g}'):g}"
 
 
@@ -29,7 +29,7 @@ def describe_charge_effect(
     name: str,
     charges_pC: Charges,
 ) -> EffectNote:
-    """Describe an effect that adds charge, with the charge that it adds on one electrode.
+    """Return a note about an effect that adds charge, with the size on one electrode.
 
     Parameters
     ----------
@@ -38,13 +38,14 @@ def describe_charge_effect(
     coefficient : float or None
         The coefficient in the scene; None if the scene has none, so that the effect is neglected.
     typical : float
-        A typical coefficient, from which the size of a neglected effect is estimated.
+        A typical coefficient, from which the size is estimated if `coefficient` is None.
     per_unit : float
         Charge in pC that a coefficient of 1 adds on the electrode.
     name : str
         Name of the electrode.
     charges_pC : mapping or None
-        Charges of the solution, to which the added charge is compared; None before a solve.
+        Charges of the solution, to which the added charge is compared; None before a solve. Without
+        a charge of the electrode, or if it is zero, the note has no comparison.
     """
     effect, key = about
     added_pC = per_unit * (typical if coefficient is None else coefficient)

@@ -10,18 +10,18 @@ from pvdf_fem.arrays import Array
 
 
 class LowRankUpdate(LinearOperator):  # type: ignore[misc]
-    """The matrix A + B Bᵀ of a sparse matrix A and a few columns B, which is never formed.
+    """The matrix A + B Bᵀ as a linear operator; the sum itself is never formed.
 
     Parameters
     ----------
     sparse : sparse matrix, shape (n, n)
         The sparse matrix A.
     columns : ndarray, shape (n, m)
-        The columns B. Products skip the rows of B that are zero.
+        The matrix B of a few columns. Products skip the rows of B that are zero.
     """
 
     def __init__(self, sparse: sp.csc_matrix, columns: Array) -> None:
-        """Keep A and B, and select the rows of B that are not zero."""
+        """Store `sparse` and `columns`, and copy the nonzero rows of `columns` for products."""
         super().__init__(sparse.dtype, sparse.shape)
         self.sparse = sparse
         self.columns = columns
@@ -37,7 +37,7 @@ class LowRankUpdate(LinearOperator):  # type: ignore[misc]
 
 
 class LowRankFactors:
-    """Factors of A + B Bᵀ: those of A and a small matrix.
+    """A solver for A + B Bᵀ that needs only the LU factors of A and an m x m matrix.
 
     Parameters
     ----------
@@ -54,14 +54,14 @@ class LowRankFactors:
     def __init__(self, matrix: LowRankUpdate, factors: SuperLU) -> None:
         self.factors = factors
         self.columns = matrix.columns
-        #: A⁻¹ B by the key "N", and A⁻ᵀ B by the key "T".
+        #: A⁻¹ B under the key "N", and A⁻ᵀ B under the key "T".
         self._solved_columns = {trans: factors.solve(self.columns, trans) for trans in "NT"}
-        #: I + Bᵀ A⁻¹ B, shape (m, m). It has as many negative eigenvalues as A has more than
-        #: A + B Bᵀ.
+        #: I + Bᵀ A⁻¹ B, shape (m, m). For a symmetric A, the number of its negative eigenvalues is
+        #: that of A minus that of A + B Bᵀ.
         self.small = np.eye(self.columns.shape[1]) + self.columns.T @ self._solved_columns["N"]
 
     def solve(self, right: Array, trans: str = "N") -> Array:
-        """Solve a linear system with A + B Bᵀ or its transpose; the interface of `SuperLU.solve`.
+        """Solve a linear system with A + B Bᵀ or its transpose, called like `SuperLU.solve`.
 
         Parameters
         ----------

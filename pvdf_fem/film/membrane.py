@@ -27,12 +27,12 @@ COMPONENT_PAIRS = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)]
 class Membrane(Laminate, Term):
     """The membrane's energy, residual and tangent, summed over the plies of a `Laminate`.
 
-    The stress of its states is that of all plies together: the tension in N/m divided by the film's
-    thickness.
+    In its states, `State.stress` is that of all plies together: the membrane force in N/m divided
+    by the thickness of the film without layers.
     """
 
-    #: Artificial tension, as a fraction of the mean tension, that keeps the tangent of a slack film
-    #: regular.
+    #: Artificial tension, as a fraction of the mean tension, that keeps the tangent of a wrinkling
+    #: film regular where it is slack. Other films have none.
     floor = 1e-6
     _last_tangent_stiffness: tuple[State, Array] | None = None
 
@@ -42,7 +42,7 @@ class Membrane(Laminate, Term):
         return self.film.thickness * self.space.weights
 
     def state(self, x: Array) -> State:
-        """Return deformation gradient, strain and stress of the displacement dofs `x` in m."""
+        """Return the state at the displacement dofs `x` in m, without stress that terms add."""
         gradient = self.space.displacement_gradient(x)
         strain = compute_strain(gradient)
         return State(gradient + IDENTITY, strain, self.resultant(strain), x)
@@ -52,12 +52,14 @@ class Membrane(Laminate, Term):
         return state.stress if state.added is None else state.stress - state.added
 
     def tangent_stiffness(self, state: State) -> Array:
-        """Return the tangent stiffness dS/dE in Pa; the last state's is cached.
+        """Return the tangent stiffness dS/dE in Pa, at the strain or as the state prescribes it.
+
+        The result for the last state is cached.
 
         Returns
         -------
-        ndarray, shape (3, 3) or (elements, points, 3, 3)
-            A single matrix where it is the same everywhere.
+        ndarray, shape (3, 3) or (elements, points or 1, 3, 3)
+            A single matrix for a linear law and a film without layers.
         """
         if state.tangent_stiffness is not None:
             return state.tangent_stiffness
@@ -85,8 +87,8 @@ class Membrane(Laminate, Term):
     def _prestress_forces(self) -> Array:
         """Forces in N of the flat film's uniform stress, shape (dofs,).
 
-        They are zero inside the rim up to round-off. Where the stress of the flat film is not
-        uniform, these are the forces of its mean, which are self-equilibrated, too.
+        They are zero inside the rim up to round-off. If the stress of the flat film is not uniform,
+        its mean is taken, whose forces are in equilibrium, too.
         """
         flat = self.resultant(np.zeros((*self.volumes.shape, 3)))
         mean = np.einsum("epi,ep->i", flat, self.volumes) / self.volumes.sum()
@@ -108,7 +110,9 @@ class Membrane(Laminate, Term):
         return self.space.sum_at_dofs(self.space.integrate_flux(flux))
 
     def element_action(self, state: State, x: Array) -> Array:
-        """Multiply the element tangents by the dofs `x`, without forming the matrices.
+        """Multiply the element tangents by the dofs `x`.
+
+        The matrices are not formed, except those of the artificial tension in a wrinkling film.
 
         Returns
         -------
@@ -143,10 +147,11 @@ class Membrane(Laminate, Term):
         stiffness = self.tangent_stiffness(state)
         factors = np.empty((*self.volumes.shape, 3, 3))
         for i in range(3):
-            m11, m12, _, m22 = self._derivatives(state, stiffness, i, i)
-            factors[..., i] = np.concatenate([m11, 2.0 * m12, m22], axis=-1)
+            d11, d12, _, d22 = self._derivatives(state, stiffness, i, i)  # d21 equals d12
+            factors[..., i] = np.concatenate([d11, 2.0 * d12, d22], axis=-1)
         rows = self.space.gradient_rows
         g1, g2 = rows[:, 0::2], rows[:, 1::2]
+        # each point adds d11 g1² + 2 d12 g1 g2 + d22 g2² to the diagonal
         squares = np.stack([g1**2, g1 * g2, g2**2], axis=2)
         elements, points, _, functions = squares.shape
         squares = squares.reshape(elements, 3 * points, functions)
@@ -213,9 +218,9 @@ class Membrane(Laminate, Term):
         g1, g2 = rows[:, 0::2], rows[:, 1::2]
         fluxes = np.empty((elements, lines // 2, 2, len(COMPONENT_PAIRS), functions))
         for k, (i, j) in enumerate(COMPONENT_PAIRS):
-            m11, m12, m21, m22 = self._derivatives(state, stiffness, i, j, chunk)
-            fluxes[:, :, 0, k] = m11 * g1 + m12 * g2
-            fluxes[:, :, 1, k] = m21 * g1 + m22 * g2
+            d11, d12, d21, d22 = self._derivatives(state, stiffness, i, j, chunk)
+            fluxes[:, :, 0, k] = d11 * g1 + d12 * g2
+            fluxes[:, :, 1, k] = d21 * g1 + d22 * g2
         products = np.matmul(rows.swapaxes(1, 2), fluxes.reshape(elements, lines, -1))
         return products.reshape(elements, functions, len(COMPONENT_PAIRS), functions)
 
@@ -245,8 +250,8 @@ class Membrane(Laminate, Term):
         F, stress = state.deformation_gradient[chunk], state.stress[chunk]
         a1, a2 = F[..., i, 0, None], F[..., i, 1, None]
         b1, b2 = F[..., j, 0, None], F[..., j, 1, None]
-        is_diagonal = float(i == j)
-        s11, s22, s12 = (stress[..., k, None] * is_diagonal for k in range(3))
+        kronecker = float(i == j)  # the stress acts on equal components only
+        s11, s22, s12 = (stress[..., k, None] * kronecker for k in range(3))
         C = stiffness if stiffness.ndim == 2 else stiffness[chunk]
         c11, c12 = C[..., 0, 0, None], C[..., 0, 1, None]
         c22, c33 = C[..., 1, 1, None], C[..., 2, 2, None]
@@ -340,17 +345,16 @@ class Membrane(Laminate, Term):
     def mean_tension(self, state: State, min_strain: float = 1e-16) -> float:
         """Return the tension in N/m, averaged over the film and both principal directions.
 
-        It is at least the tension of the strain `min_strain`, also where the film is slack
-        everywhere.
+        It is at least h C11 `min_strain`, and so positive if the film is slack everywhere.
         """
         mean = 0.5 * state.stress[..., :2].sum(axis=-1)
         average = float((mean * self.volumes).sum() / self.volumes.sum())
         return self.film.thickness * max(average, min_strain * self.law.stiffness[0, 0])
 
     def with_predicted_stress(self, state: State, stress: Array, damping: float) -> State:
-        """Return a copy of a state whose tangent has another geometric stiffness and damping.
+        """Return a copy of a state for the tangent, with a predicted stress and artificial tension.
 
-        Its tangent stiffness dS/dE remains that of its own strain.
+        The copy's tangent stiffness dS/dE is that of `state`.
 
         Parameters
         ----------
@@ -359,7 +363,7 @@ class Membrane(Laminate, Term):
         stress : ndarray, shape (elements, points, 3)
             The stress in Pa that is predicted for the next step.
         damping : float
-            Artificial tension as a fraction of the mean tension.
+            Artificial tension as a fraction of the mean tension, in addition to `floor`.
         """
         return replace(
             state, stress=stress, tangent_stiffness=self.tangent_stiffness(state), damping=damping
@@ -427,7 +431,12 @@ def compute_principal_values(tensor: Array) -> tuple[Array, Array]:
 
 
 def compute_tensile_part(stress: Array) -> Array:
-    """Remove the compressive principal values from stresses.
+    """Return stresses with their negative principal values replaced by zero.
+
+    Parameters
+    ----------
+    stress : ndarray, shape (..., 3)
+        Components 11, 22 and 12.
 
     Returns
     -------

@@ -33,7 +33,7 @@ from pvdf_fem.scene.scene_file import quote
 
 #: Stresses below this fraction of the largest stress are round-off.
 ROUND_OFF = 1e-9
-#: Relative change of a charge from which neglected bending deserves a warning.
+#: Minimum relative change of a charge by neglected bending that causes a warning.
 CONSIDERABLE_CHANGE = 1e-2
 
 
@@ -144,14 +144,14 @@ class FilmModel:
         return Membrane(space, self.scene.film, self.law, added, sector.frame)
 
     def make_bending_terms(self, space: Space, terms: list[Term]) -> list[Term]:
-        """Make the plate term of a film that bends; an empty list for other films.
+        """Return a list with the plate term if the film bends, otherwise an empty list.
 
         Parameters
         ----------
         space : Space
             The finite-element space.
         terms : list of Term
-            All other terms. Elements that they keep flat and horizontal do not bend.
+            All other terms. Elements that these keep flat and horizontal do not bend.
         """
         if not self.bends:
             return []
@@ -167,7 +167,7 @@ class FilmModel:
     def make_bending_layers(
         self, terms: list[Term], expansion: sp.csr_matrix, state: State
     ) -> BendingLayers | None:
-        """Make the estimate of the error in bending layers narrower than the elements.
+        """Estimate the error in the film's bending layers, which may be narrower than elements.
 
         Parameters
         ----------
@@ -181,7 +181,7 @@ class FilmModel:
         Returns
         -------
         BendingLayers or None
-            None if the film does not bend.
+            None if no term is a `Plate`.
         """
         plates = [term for term in terms if isinstance(term, Plate)]
         return BendingLayers.from_state(plates[0], expansion, state) if plates else None
@@ -196,7 +196,10 @@ class FilmModel:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warning about neglected bending if its effect is considerable; needs no solve."""
+        """A warning if bending is neglected and its estimated effect is large; otherwise empty.
+
+        The effect is large above both the tolerance and `CONSIDERABLE_CHANGE`. No solve is needed.
+        """
         change = self.bending_effect.change
         if self.bends or change <= max(self.scene.numerics.tolerance, CONSIDERABLE_CHANGE):
             return ()
@@ -206,7 +209,7 @@ class FilmModel:
 
     @property
     def _bending_advice(self) -> str:
-        """Text: which keys of the scene to change so that bending is included."""
+        """Advice which keys of the scene to change so that bending is included."""
         if self.wrinkles:
             return 'film.compression = "refuse" with film.bending = "auto" or true'
         if self.scene.film.patches:
@@ -216,7 +219,7 @@ class FilmModel:
         return "film.bending = true"
 
     def find_compression(self, smallest: Array, largest: Array) -> Iterator[CompressedArea]:
-        """Find where the film is compressed, or where it has wrinkled or gone slack.
+        """Yield the compressed part of the film, or the wrinkled and slack ones of a tension field.
 
         Parameters
         ----------
@@ -226,8 +229,7 @@ class FilmModel:
         Yields
         ------
         CompressedArea
-            The compressed part, or the wrinkled and the slack part; nothing if the film is in
-            tension everywhere.
+            One for each part that is not empty; stresses up to `ROUND_OFF` count as zero.
         """
         limit = ROUND_OFF * np.abs(largest).max()
         if self.wrinkles:
@@ -249,8 +251,8 @@ class FilmModel:
 def resolve_film_model(scene: Scene) -> FilmModel:
     """Choose the model of a scene's film: membrane, plate or tension field.
 
-    With ``film.bending = "auto"`` the film is a plate if the estimated effect of bending exceeds
-    the tolerance of the charges.
+    With ``film.bending = "auto"`` a film without tips is a plate if the estimated effect of bending
+    exceeds the tolerance of the charges.
     """
     kinematics = _choose_kinematics(scene)
     # the next order still has half of the error from the singular edge of a rigid probe
@@ -286,7 +288,11 @@ def resolve_film_model(scene: Scene) -> FilmModel:
 
 
 def _choose_kinematics(scene: Scene) -> Kinematics:
-    """Choose between membrane, plate and tension field by the keys of the scene's film."""
+    """Choose between membrane, plate and tension field by the keys of the scene's film.
+
+    ``film.compression = "tension-field"`` comes first; with ``film.bending = "auto"`` a film under
+    a tip is a membrane, and another film is a plate if bending has an effect above the tolerance.
+    """
     film = scene.film
     if film.compression == "tension-field":
         return TENSION_FIELD

@@ -82,7 +82,7 @@ def estimate_load_fraction(film: Film, force: float, r: float) -> float:
     Returns
     -------
     float
-        From 0 to 1; computed without the cancellation in N - N0.
+        From 0 to 1; computed without the cancellation in N - N0. Without a force it is 0.
     """
     if not force:
         return 0.0
@@ -91,7 +91,7 @@ def estimate_load_fraction(film: Film, force: float, r: float) -> float:
 
 
 def _solve_cubic(unloaded: float, cube: float) -> float:
-    """Solve N^2 (N - unloaded) = cube for its positive root N; return 0 if there is none.
+    """Return the positive root N of N^2 (N - unloaded) = cube, or 0 if there is none.
 
     Newton's method starts above the root, where the cubic is convex, so that its iterates decrease
     monotonically towards the root.
@@ -111,7 +111,7 @@ def _solve_cubic(unloaded: float, cube: float) -> float:
 def estimate_point_deflection(
     film: Film, force: float, distance: float | None = None, rim_distance: float | None = None
 ) -> float:
-    """Estimate the deflection near a point load at the film's centre.
+    """Estimate the deflection of the film at a distance from a point load.
 
     Parameters
     ----------
@@ -123,7 +123,8 @@ def estimate_point_deflection(
         Distance from the load in m at which the deflection is estimated; by default a hundredth of
         `rim_distance`.
     rim_distance : float, optional
-        Distance from the load to the rim in m; by default the film's radius.
+        Distance from the load to the rim in m; by default the film's radius, for a load at its
+        centre.
 
     Returns
     -------
@@ -137,13 +138,15 @@ def estimate_point_deflection(
     radii = np.geomspace(distance, rim_distance, 40)
     tension = np.array([estimate_tension(film, force, r) for r in radii])
     slopes = force / (2.0 * np.pi * radii * tension)
-    return float(np.sum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(radii)))
+    mean_slopes = 0.5 * (slopes[1:] + slopes[:-1])
+    return float(np.sum(mean_slopes * np.diff(radii)))
 
 
 def estimate_point_force(film: Film, deflection: float) -> float:
-    """Estimate the force in N that deflects the film's centre by `deflection` in m.
+    """Estimate the point load in N at the film's centre that causes a `deflection` in m.
 
-    The bisection ends at a relative accuracy of 1 %, which is enough for an initial guess.
+    The deflection is that of `estimate_point_deflection`. The bisection, between 1e-12 and 1e12 N,
+    ends at a relative accuracy of 1 %, which is enough for an initial guess.
     """
     low, high = 1e-12, 1e12
     force = 1.0

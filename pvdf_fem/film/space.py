@@ -47,11 +47,11 @@ INTEGRATION_ORDER = {1: 1, 2: 4, 3: 6, 4: 8}
 
 
 class Quadrature(NamedTuple):
-    """A quadrature in some elements, with the shape functions at its points."""
+    """Points and weights of a quadrature in n elements, with the shape functions at the points."""
 
     points: Array  #: Quadrature points in m, shape (n, points, 2).
     values: Array  #: Scalar shape functions at the points, shape (n, points, functions).
-    weights: Array  #: Quadrature weights in m²; their sum is the area, shape (n, points).
+    weights: Array  #: Quadrature weights in m²; their sum is the elements' area, shape (n, points).
 
 
 class Space:
@@ -86,6 +86,7 @@ class Space:
         self.auxiliary_nodes = auxiliary_nodes
         self.basis = Basis(mesh, ELEMENTS[order](), intorder=INTEGRATION_ORDER[order])
         gradients = [shape[0].grad for shape in self.basis.basis]
+        # from (2, elements, points, functions) to (elements, points, functions, 2)
         self.gradients: Array = np.stack(gradients, -1).transpose(1, 2, 3, 0)
         elements, points, functions, _ = self.gradients.shape
         rows = self.gradients.swapaxes(2, 3).reshape(elements, 2 * points, functions)
@@ -117,7 +118,7 @@ class Space:
         return np.stack([np.broadcast_to(s[0], shape) for s in self.basis.basis], axis=-1)
 
     def make_quadrature(self, elements: Indices, order: int) -> Quadrature:
-        """Make a quadrature of another degree in some elements.
+        """Make a quadrature in some elements with another degree than the space's own one.
 
         Parameters
         ----------
@@ -148,7 +149,9 @@ class Space:
         rows = self.gradient_rows[elements]
         nodes = self.nodes[elements]
         slopes = np.matmul(rows, x.reshape(-1, 3)[nodes]).reshape(len(rows), -1, 2, 3)
-        return move_components_last(np.ascontiguousarray(slopes.transpose(3, 2, 0, 1)), 2)
+        # from (elements, points, directions, components) to components and directions first
+        component_first = np.ascontiguousarray(slopes.transpose(3, 2, 0, 1))
+        return move_components_last(component_first, 2)
 
     def integrate_flux(self, flux: Array) -> Array:
         """Integrate flux : grad v over every element.
@@ -169,7 +172,7 @@ class Space:
         return forces.reshape(self.element_dofs.shape)
 
     def sum_at_dofs(self, element_vectors: Array, elements: Selection = ALL) -> Array:
-        """Sum element vectors at the dofs.
+        """Assemble element vectors: add up their entries at each dof.
 
         Parameters
         ----------
@@ -219,13 +222,13 @@ class Space:
         Returns
         -------
         ndarray, shape (elements, element dofs, element dofs)
-            The same matrix for each component; components are not coupled.
+            `scalar` as the block of each component; blocks between components are zero.
         """
         blocks = np.einsum("eab,ij->eaibj", scalar, np.eye(3))
         return blocks.reshape(*self.element_dofs.shape, self.element_dofs.shape[1])
 
     def evaluate_gradients(self, elements: Indices, points: Array) -> Array:
-        """Evaluate the gradients of the scalar shape functions at any points.
+        """Evaluate the gradients of the scalar shape functions at given points of elements.
 
         Parameters
         ----------
@@ -241,6 +244,7 @@ class Space:
         """
         local = evaluate_shape_gradients(self.basis.elem, points.reshape(2, -1))
         local = local.reshape(*points.shape[1:], -1, 2)
+        # derivatives of local coordinates with respect to x and y: (local, global, n, points)
         inverse = self.mesh.mapping().invDF(points, elements)
         return np.matmul(local, inverse.transpose(2, 3, 0, 1))
 
@@ -252,8 +256,8 @@ class Space:
         points : ndarray, shape (2, n)
             Positions in m.
         candidates : int
-            Number of elements with the nearest centroids that may contain the point. At a point
-            in none of them the shape functions of the nearest element are extrapolated.
+            Number of elements, those with the nearest centroids, that are searched for a point. At
+            a point in none of them the shape functions of the nearest one are extrapolated.
 
         Returns
         -------
@@ -331,7 +335,7 @@ def evaluate_shape_hessians(element: Element, points: Array) -> Array:
 
 
 def transfer_dofs(space: Space, x: Array, target: Space) -> Array:
-    """Interpolate a displacement in a space on another mesh, as an initial guess.
+    """Interpolate a displacement to the space of another mesh, as an initial guess there.
 
     Parameters
     ----------

@@ -40,9 +40,10 @@ class State:
     #: Stress in Pa that terms add to the constitutive stress, shape (elements, 1, 3); None if no
     #: term adds any.
     added: Array | None = field(default=None, kw_only=True)
-    #: Tangent stiffness dS/dE in Pa to use in place of that at the strain; None to compute it.
+    #: Prescribed tangent stiffness dS/dE in Pa; None if it is to be computed from the strain.
     tangent_stiffness: Array | None = field(default=None, kw_only=True)
-    #: Artificial tension in a tangent, as a fraction of the film's mean tension.
+    #: Additional artificial tension in the tangent of a wrinkling film, as a fraction of its mean
+    #: tension.
     damping: float = field(default=0.0, kw_only=True)
 
 
@@ -61,7 +62,7 @@ class ElementStress(NamedTuple):
 
 
 class ElementForces(NamedTuple):
-    """Forces along z that press on the face of the film, one for each of some elements."""
+    """Forces along z with which a load presses on the film's face, one for each element listed."""
 
     elements: Selection  #: Numbers of the elements, shape (n,), or a slice.
     forces: Array  #: In N, shape (n,).
@@ -76,7 +77,7 @@ class CombinedMotion(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """Constraints of a term on the dofs; they add no equation, but map unknowns to dofs."""
+    """Constraints of a term on the dofs, which are eliminated and so add no equations."""
 
     #: Dofs that stay zero, shape (n,).
     fixed_dofs: Indices = field(default_factory=NO_INDICES.copy)
@@ -102,14 +103,14 @@ class MatrixAssembler(Protocol):
     """An object that reduces matrices of deflections or of dofs to matrices of the unknowns."""
 
     def of_deflections(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
-        """Reduce a matrix of the deflections, shape (scalar dofs, scalar dofs)."""
+        """Reduce a matrix of the deflections, shape (nodes, nodes), with auxiliary nodes."""
 
     def of_dofs(self, matrix: sp.csr_matrix) -> sp.csc_matrix:
         """Reduce a matrix of all dofs, shape (dofs, dofs)."""
 
 
 class SolverHints:
-    """Approximations of a term for the solver; the defaults suit smooth terms with an energy."""
+    """Hints for initial guesses; the defaults suit smooth terms with an energy."""
 
     def with_frozen_loads(self) -> Self | Term:
         """Return a conservative approximation, such as a dead load for a follower load.
@@ -119,14 +120,14 @@ class SolverHints:
         return self
 
     def relaxed(self) -> Self | Term:
-        """Return a smoother approximation of a term that changes abruptly.
+        """Return an approximation of a term that changes less abruptly, such as a softer contact.
 
         Its equilibrium is the initial guess of the solve. Default: the term itself.
         """
         return self
 
     def complete_initial_guess(self, x: Array) -> Array:
-        """Return an initial guess near the dofs `x`, in which the term is not far from balance.
+        """Return an initial guess near the dofs `x`, at which the term's forces nearly balance.
 
         A term may set its auxiliary dofs or reduce the deflection. Default: `x` itself.
         """
@@ -166,8 +167,8 @@ class NonlocalTangent:
     def added_stress(self, state: State) -> ElementStress | None:
         """Return a stress to add to the constitutive stress of the film. Default: None.
 
-        The membrane's tangent includes the geometric stiffness of the sum, its residual does not
-        include the added stress.
+        The added stress enters the geometric stiffness in the membrane's tangent, but not the
+        membrane's residual: the term's own residual has its forces.
         """
         return None
 
@@ -208,7 +209,7 @@ class Term(SolverHints, NonlocalTangent, ABC):
         """
         return None
 
-    # --- derived from the members above; overridden where there is a faster or more exact way
+    # --- derived from the members above; a term may override them by faster or more exact methods
 
     def element_action(self, state: State, x: Array) -> Array | None:
         """Multiply the element tangents by the dofs `x`.
@@ -216,8 +217,8 @@ class Term(SolverHints, NonlocalTangent, ABC):
         Returns
         -------
         ndarray, shape (elements, element dofs), or None
-            Forces in N. None without a tangent, and for a nonconservative load: leaving out its
-            small, asymmetric tangent keeps the sum over all terms symmetric.
+            Forces in N. None without a tangent, and for a nonconservative load: without the small,
+            asymmetric tangent of this load the sum over all terms is symmetric.
         """
         tangent = self.element_tangent(state) if self.conservative else None
         if tangent is None:
@@ -232,13 +233,14 @@ class Term(SolverHints, NonlocalTangent, ABC):
 
         Returns
         -------
-        ndarray, shape (dofs,)
+        ndarray, shape (dofs,), or None
+            Forces in N. None if `element_action` is None.
         """
         forces = self.element_action(state, x)
         return None if forces is None else self.space.sum_at_dofs(forces)
 
     def diagonal(self, state: State) -> Array | None:
-        """Return the diagonal of the symmetric tangent; None where `action` is None.
+        """Return the diagonal of the symmetric tangent, or None if `action` is None.
 
         Returns
         -------

@@ -141,7 +141,7 @@ class Unknowns:
         return np.asarray(total, dtype=np.float64)
 
     def fold_diagonal(self, diagonal: Array) -> Array:
-        """Transform the diagonal of a matrix of the dofs to the diagonal for the unknowns.
+        """Approximate the diagonal of the reduced matrix from the diagonal of a matrix of dofs.
 
         Parameters
         ----------
@@ -158,16 +158,17 @@ class Unknowns:
         return np.asarray(total)
 
     def restrict(self, x: Array) -> Array:
-        """Return the unknowns nearest to the dofs `x`, shape (unknowns,).
+        """Return the unknowns, shape (unknowns,), whose expansion is nearest to the dofs `x`.
 
-        Dofs that share a slot are averaged, and combined motions are fitted by least squares.
+        Dofs that share a slot are averaged, combined motions are fitted by least squares, and fixed
+        dofs are ignored.
         """
         dof_counts = np.bincount(self.of_dof + 1, minlength=self.slot_count + 1)[1:]
         mean = self._sum_in_slots(x) / dof_counts
         return np.asarray(mean if self.unknowns_of_slots is None else self.unknowns_of_slots @ mean)
 
-    def deflections(self) -> Mask:
-        """Return whether each unknown is a deflection, not an in-plane displacement.
+    def mark_deflections(self) -> Mask:
+        """Return a mask of the unknowns that are deflections, not in-plane displacements.
 
         Returns
         -------
@@ -181,7 +182,7 @@ class Unknowns:
         return np.asarray(self.slots_of_unknowns.T @ slots != 0.0)
 
     def _sum_in_slots(self, values: Array) -> Array:
-        """Sum values of the dofs, shape (dofs,), in each slot, shape (slots,)."""
+        """Return the sums of values, shape (dofs,), over the dofs of each slot, shape (slots,)."""
         # shifted by one, fixed dofs fall into the first bin, which is dropped
         return np.asarray(np.bincount(self.of_dof + 1, values, self.slot_count + 1)[1:])
 
@@ -194,7 +195,7 @@ class Assembly:
     space : Space
         The finite-element space.
     unknowns : Unknowns
-        The map from unknowns to its dofs.
+        The map from unknowns to the dofs of `space`.
     """
 
     def __init__(self, space: Space, unknowns: Unknowns) -> None:
@@ -213,7 +214,7 @@ class Assembly:
 
         Returns
         -------
-        ndarray, shape (unknowns, unknowns)
+        sparse matrix, shape (unknowns, unknowns)
         """
         count = self.unknowns.slot_count
         rows = np.broadcast_to(self._slots[:, :, None], element_matrices.shape)
@@ -229,7 +230,7 @@ class Assembly:
         Parameters
         ----------
         matrix : sparse matrix, shape (dofs, dofs)
-            The matrix.
+            Matrix whose rows and columns are numbered as the dofs, with the auxiliary ones.
 
         Returns
         -------
@@ -243,14 +244,14 @@ class Assembly:
 
         Parameters
         ----------
-        matrix : sparse matrix, shape (scalar dofs, scalar dofs)
-            The matrix; scalar dofs are ordered as the nodes.
+        matrix : sparse matrix, shape (nodes, nodes)
+            Matrix with a row and a column for the deflection at each node, auxiliary nodes last.
 
         Returns
         -------
         sparse matrix, shape (unknowns, unknowns)
         """
-        expansion = self.unknowns.expansion[2::3]
+        expansion = self.unknowns.expansion[2::3]  # the deflection is component 2 of each node
         return (expansion.T @ matrix @ expansion).tocsc()
 
 
@@ -274,7 +275,7 @@ class _Interpolation(NamedTuple):
 
 
 def make_prolongation(coarse: Discrete, rich: Discrete) -> sp.csr_matrix:
-    """Make the matrix that interpolates a displacement of a space in a richer space.
+    """Make the matrix that represents displacements of a coarse space in a richer space.
 
     Parameters
     ----------
@@ -292,7 +293,7 @@ def make_prolongation(coarse: Discrete, rich: Discrete) -> sp.csr_matrix:
     node, component = np.divmod(dofs, 3)
     values, nodes = _interpolate_at_nodes(coarse.space, rich.space, node)
     is_kept = np.abs(values) > 1e-13  # at a node of both spaces all but one function vanish
-    row_ends = np.append(0, np.cumsum(is_kept.sum(axis=1)))
+    row_ends = np.append(0, np.cumsum(is_kept.sum(axis=1)))  # the row pointers of a CSR matrix
     columns = (3 * nodes + component[:, None])[is_kept]
     shape = (unknowns.slot_count, coarse.space.dof_count)
     matrix = sp.csr_matrix((values[is_kept], columns, row_ends), shape)
@@ -303,14 +304,14 @@ def make_prolongation(coarse: Discrete, rich: Discrete) -> sp.csr_matrix:
 
 
 def _interpolate_at_nodes(coarse: Space, rich: Space, nodes: Indices) -> _Interpolation:
-    """Evaluate the functions of a coarse space at nodes of a rich space.
+    """Evaluate the shape functions of a coarse space at nodes of a rich space.
 
     Parameters
     ----------
     coarse, rich : Space
         Spaces on the same mesh.
     nodes : ndarray, shape (n,)
-        Scalar dofs of the rich space. An auxiliary node has the same value in both spaces.
+        Numbers of nodes of the rich space, or of auxiliary nodes, whose values are copied.
 
     Returns
     -------
@@ -318,22 +319,24 @@ def _interpolate_at_nodes(coarse: Space, rich: Space, nodes: Indices) -> _Interp
         Shape functions and their scalar dofs in the coarse space.
     """
     shapes = evaluate_shape_functions(coarse.basis.elem, ELEMENTS[rich.order].doflocs.T)
-    is_beside = nodes >= rich.basis.N
+    is_auxiliary = nodes >= rich.basis.N
     rich_nodes = rich.basis.element_dofs
     first = _find_first_indices(rich_nodes.T.ravel(), rich.basis.N)
-    element, local = np.divmod(first[np.where(is_beside, 0, nodes)], len(rich_nodes))
+    element, local = np.divmod(first[np.where(is_auxiliary, 0, nodes)], len(rich_nodes))
     values = shapes[local]
     coarse_nodes = coarse.nodes[element]
-    values[is_beside] = np.eye(1, values.shape[1])
-    coarse_nodes[is_beside, 0] = nodes[is_beside] - rich.basis.N + coarse.basis.N
+    # the value of an auxiliary node is copied: factor 1 for its node in the coarse space
+    values[is_auxiliary] = np.eye(1, values.shape[1])
+    coarse_nodes[is_auxiliary, 0] = nodes[is_auxiliary] - rich.basis.N + coarse.basis.N
     return _Interpolation(values, coarse_nodes)
 
 
 def _find_first_indices(labels: Indices, count: int) -> Indices:
     """Return the index of the first occurrence of each label 0 ... count - 1, shape (count,).
 
-    The label -1 is ignored. Labels are assigned in reverse order, so that the first one remains.
+    Every label has to occur; the label -1 is ignored.
     """
+    # in reverse order, so that the first occurrence overwrites the others; -1 is the last entry
     first = np.empty(count + 1, dtype=np.int64)
     first[labels[::-1]] = np.arange(len(labels))[::-1]
     return first[:count]

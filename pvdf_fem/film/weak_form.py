@@ -70,7 +70,7 @@ def _deformation_gradient(displacement: Any) -> Array:
 
 
 def _sym(F: Array, gradient: Array) -> Array:
-    """Return sym(F^T grad v), shape (2, 2, elements, points)."""
+    """Return sym(F^T grad v), shape (2, 2, elements, points), for `gradient` = grad v."""
     product = np.einsum("ca...,cb...->ab...", F, gradient)
     return 0.5 * (product + product.swapaxes(0, 1))
 

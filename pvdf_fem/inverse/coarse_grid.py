@@ -54,7 +54,11 @@ DEFAULT_GRID_OPTIONS = CoarseGridOptions()
 
 
 class Candidates(NamedTuple):
-    """Initial coordinates of searches."""
+    """Initial coordinates of searches.
+
+    `CoarseGrid.step_from_nodes` has one axis for all nodes of a row instead of the axes rotations
+    and count.
+    """
 
     coordinates: Array  #: Coordinates; shape (rows, rotations, count, 4).
     chi_square: Array  #: Predicted chi-square of the candidates; shape (rows, rotations, count).
@@ -64,7 +68,7 @@ class NodeSelection(NamedTuple):
     """Nodes of a coarse grid whose charges are similar to rows of measured charges."""
 
     nodes: Indices  #: Indices of the nodes; shape (rows, count).
-    #: Steps from the node to the best force, in its logarithm; shape (rows, count).
+    #: Steps of the logarithm of the force from the node to the best force; shape (rows, count).
     force_steps: Array
     #: Chi-square at the best force, divided by the largest weight 1/σ² of the row and less a
     #: constant of the row, so that it ranks nodes of one row alone; shape (rows, count).
@@ -72,7 +76,7 @@ class NodeSelection(NamedTuple):
 
 
 class _ForceFit(NamedTuple):
-    """The best force at every node of one rotation."""
+    """The force with the lowest chi-square near every node of one rotation."""
 
     chi_square: SinglePrecision  #: Like `NodeSelection.chi_square`; shape (rows, nodes).
     force_steps: SinglePrecision  #: Like `NodeSelection.force_steps`; shape (rows, nodes).
@@ -113,7 +117,7 @@ class CoarseGrid:
         return self.neighbours.shape[1]
 
     def choose_rotations(self, rotations_deg: Array | None, row_count: int) -> Indices:
-        """Choose the rotations of the grid at which candidates are looked for.
+        """Choose the rotations of the grid at which nodes are compared with each row of charges.
 
         Parameters
         ----------
@@ -145,8 +149,9 @@ class CoarseGrid:
     ) -> NodeSelection:
         """Select the nodes of one rotation whose charges are similar to rows of measured charges.
 
-        Eligible are the count // 2 positions with the lowest chi-square, and all positions without
-        a better neighbour. The `count` best of these are selected.
+        Eligible are the count // 2 positions with the lowest chi-square, and all positions where
+        chi-square is not higher than at their neighbours. The `count` eligible positions with the
+        lowest chi-square are selected, each with its best force.
 
         Parameters
         ----------
@@ -164,8 +169,8 @@ class CoarseGrid:
         Returns
         -------
         NodeSelection
-            Nodes of the m rows, in no order. If fewer positions are eligible, others fill up the
-            selection, with infinite chi-square.
+            Nodes of the m rows, in no order. If fewer than `count` positions are eligible, others
+            fill up the selection, with infinite chi-square.
         """
         fit = self._fit_forces(problem, rows, rotation, log_forces)
         by_force = fit.chi_square.reshape(len(rows), -1, self.position_count)
@@ -173,13 +178,13 @@ class CoarseGrid:
         if count == 1:
             positions = min_chi_square.argmin(axis=1)[:, None]
         else:
-            # `neighbours` has this further column where a position has fewer than 8 neighbours.
+            # `neighbours` has the index of this further column if neighbours are missing.
             missing = np.full((len(rows), 1), np.inf, dtype=np.float32)
             with_missing = np.concatenate([min_chi_square, missing], axis=1)
             min_nearby = with_missing.take(self.neighbours, axis=1).min(axis=1)
             limit = np.partition(min_chi_square, count // 2, axis=1)[:, count // 2, None]
-            is_kept = (min_chi_square <= min_nearby) | (min_chi_square < limit)
-            min_chi_square = np.where(is_kept, min_chi_square, np.inf)
+            is_eligible = (min_chi_square <= min_nearby) | (min_chi_square < limit)
+            min_chi_square = np.where(is_eligible, min_chi_square, np.inf)
             positions = np.argpartition(min_chi_square, count - 1, axis=1)[:, :count]
         each_row = np.arange(len(rows))[:, None]
         forces = by_force[each_row, :, positions].argmin(axis=2)
@@ -193,7 +198,7 @@ class CoarseGrid:
     def _fit_forces(
         self, problem: LocationProblem, rows: Indices, rotation: int, log_forces: Array | None
     ) -> _ForceFit:
-        """Minimise chi-square with respect to the force at every node of one rotation.
+        """Compute steps from the nodes of one rotation to the best force, or to a fixed force.
 
         Parameters
         ----------
@@ -204,8 +209,8 @@ class CoarseGrid:
         -------
         _ForceFit
             Chi-square and steps of the force at all nodes. A free force moves by at most half the
-            spacing of the forces. If the force is fixed, nodes at other forces get a penalty of
-            1e30.
+            spacing of the logarithms of the forces. A fixed force is used at all nodes, but nodes
+            that are farther from it than half the spacing get a penalty of 1e30 in chi-square.
 
         Notes
         -----
@@ -241,7 +246,9 @@ class CoarseGrid:
     def step_from_nodes(
         self, problem: LocationProblem, rotations: Indices, selection: NodeSelection
     ) -> Candidates:
-        """Take a damped Gauss-Newton step from selected nodes.
+        """Step from selected nodes to candidates, by damped Gauss-Newton steps.
+
+        The steps change x, y and the force as far as these are free, but not the rotation.
 
         Parameters
         ----------
@@ -250,12 +257,14 @@ class CoarseGrid:
         rotations : ndarray of int, shape (rows, n)
             Indices of the rotations of the nodes in the grid.
         selection : NodeSelection
-            n nodes per row, with the steps to the best force, which are taken first.
+            n nodes per row. The steps to their best forces are taken first, so that the
+            Gauss-Newton steps start there.
 
         Returns
         -------
         Candidates
-            Coordinates of shape (rows, n, 4) with the predicted chi-square of shape (rows, n).
+            Coordinates of shape (rows, n, 4), after steps that are shortened to `longest_step` of
+            the options, and chi-square of shape (rows, n), as predicted for the whole steps.
         """
         nodes = selection.nodes
         coordinates = self.coordinates[rotations, nodes]
@@ -265,11 +274,12 @@ class CoarseGrid:
         system[..., 0] += charge_steps - problem.charges_pC[:, None]
         system /= problem.deviations_pC[:, None, :, None]
         free = np.flatnonzero(np.isin(DERIVATIVE_COLUMNS, problem.unknown))
-        kept = np.array([0, *(1 + free)])
+        used_columns = np.array([0, *(1 + free)])
         normal = compute_normal_matrices(system.reshape(-1, *system.shape[2:]))
-        normal = normal[:, kept[:, None], kept]
+        normal = normal[:, used_columns[:, None], used_columns]
         steps = compute_damped_steps(normal, self.options.damping)
         longest_step = np.array(self.options.longest_step)[free]
+        # The length of a step as a multiple of the longest allowed step, but at least 1.
         excess = np.abs(steps.step / longest_step).max(axis=1, initial=1.0)
         limited = (steps.step / excess[:, None]).reshape(*nodes.shape, len(free))
         coordinates[..., DERIVATIVE_COLUMNS[free]] += limited
@@ -285,7 +295,7 @@ def build_coarse_grid(
     fixed_positions: tuple[tuple[int, float], ...],
     options: CoarseGridOptions = DEFAULT_GRID_OPTIONS,
 ) -> CoarseGrid:
-    """Evaluate a response on a coarse grid; grids are cached by their arguments.
+    """Evaluate a response on a coarse grid, and cache the last few grids by their arguments.
 
     Parameters
     ----------
@@ -296,7 +306,7 @@ def build_coarse_grid(
     electrodes : tuple of int
         Indices of the electrodes whose charges are stored.
     fixed_positions : tuple of tuple
-        Column and value in mm of each fixed coordinate of the position.
+        Pairs of the column and the value in mm of each fixed coordinate x or y.
     options : CoarseGridOptions
         Resolution of the grid.
 
@@ -343,15 +353,16 @@ def build_coarse_grid(
 def _make_positions(
     reach_mm: float, fixed: Mapping[int, float], options: CoarseGridOptions
 ) -> Array:
-    """Make the positions of a coarse grid, on a square raster within the reach.
+    """Make the positions of a coarse grid: a square raster and a ring at the edge of the domain.
+
+    If x or y is fixed, the positions are on the line with this value, without a ring.
 
     Parameters
     ----------
     reach_mm : float
         Maximum distance of positions from the film's centre.
     fixed : mapping
-        Values in mm of fixed coordinates by column. If it is empty, a ring of positions at the edge
-        of the domain is added.
+        Values in mm of fixed coordinates x and y by column.
     options : CoarseGridOptions
         Numbers of positions.
 

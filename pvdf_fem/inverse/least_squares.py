@@ -43,10 +43,10 @@ class SearchOptions:
     #: the step is 0.1 standard deviations long, and the remaining distance to the minimum is of the
     #: order of the square of this length.
     chi_square_tolerance: float = 1e-2
-    #: The last step must also be shorter than this fraction of the longest allowed step, since the
-    #: residuals may hardly change along a long step.
+    #: The last step must also be shorter than this fraction of the longest allowed step, because
+    #: chi-square may hardly change along a long step.
     step_tolerance: float = 1e-2
-    #: A search at the bounds ends when a step lowers chi-square by less than this fraction.
+    #: A search at the bounds converges if a step does not lower chi-square by this fraction of it.
     bound_gain_tolerance: float = 1e-2
     #: Initial and minimum damping λ.
     min_damping: float = 1e-10
@@ -72,9 +72,9 @@ class LeastSquaresProblem(Protocol):
 
     @property
     def merge_distances(self) -> Array:
-        """Distances along each coordinate within which two searches share a minimum.
+        """Distances along each coordinate below which two searches lead to one minimum; shape (k,).
 
-        Subclasses override this. Default: zeros of shape (k,), so that searches are never merged.
+        Subclasses override this. Default: zeros, so that no search is abandoned for this reason.
         """
         return np.zeros(len(self.longest_steps))
 
@@ -117,11 +117,15 @@ class SearchResult:
     """End points of n searches."""
 
     coordinates: Array  #: Coordinates of the end points; shape (n, k).
-    #: Derivatives of the whitened residuals before the last step, zero with respect to fixed
-    #: coordinates; shape (n, residuals, k).
+    #: Derivatives of the whitened residuals where they were last evaluated, zero with respect to
+    #: fixed coordinates; shape (n, residuals, k).
     jacobian: Array
-    chi_square: Array  #: Sums of the squared whitened residuals; shape (n,).
-    converged: Mask  #: Whether the end point is a minimum, not an abandoned search; shape (n,).
+    #: Sums of the squared whitened residuals, predicted if they were not evaluated at the end
+    #: point, see `run_levenberg_marquardt`; shape (n,).
+    chi_square: Array
+    #: Whether the end point is a minimum, maybe at the bounds. False if the search was abandoned
+    #: or used up its steps; shape (n,).
+    converged: Mask
 
     @property
     def ranking(self) -> Array:
@@ -176,7 +180,7 @@ def run_levenberg_marquardt(
     max_excess: float = np.inf,
     options: SearchOptions = DEFAULT_OPTIONS,
 ) -> SearchResult:
-    """Search for minima of chi-square from several initial points at once.
+    """Search for minima of chi-square from several initial points that advance together.
 
     Parameters
     ----------
@@ -187,11 +191,12 @@ def run_levenberg_marquardt(
         zero keep their values.
     rows : ndarray of int, shape (n,), optional
         Index of the row of measured data that each search fits. By default all searches fit the
-        first row and compete: a search is abandoned when it comes close to a better search or to a
-        minimum, or when it is not expected to come within `max_excess` of the lowest minimum.
+        first row and compete: a search is abandoned if it comes close to another search with a
+        lower chi-square, comes close to a minimum that was found before, or is not expected to come
+        within `max_excess` of the lowest minimum.
     max_excess : float
         Maximum difference from the lowest chi-square at which a minimum is still of interest.
-        It has an effect on competing searches alone. Default: infinity.
+        Ignored unless searches compete. Default: infinity.
     options : SearchOptions
         Termination and damping.
 
@@ -202,8 +207,9 @@ def run_levenberg_marquardt(
 
     Notes
     -----
-    The residuals are not evaluated after the last step: the chi-square of an end point is the
-    predicted one, and its Jacobian is the one before the step.
+    After the last step of a search that converges or is abandoned, the residuals are not evaluated:
+    its chi-square is the predicted one, and its Jacobian is the one before the step. The residuals
+    are evaluated at the end points of searches that converge at the bounds or use up their steps.
     """
     searches = _Searches(problem, initial, rows, options)
     compete = rows is None and len(initial) > 1
@@ -233,9 +239,9 @@ def run_levenberg_marquardt(
 
 
 class _TrialSteps(NamedTuple):
-    """Proposed steps of the m searches that are still active."""
+    """Proposed next steps of m searches that have not ended."""
 
-    searches: Indices  #: Indices of these searches among all searches; shape (m,).
+    searches: Indices  #: Indices of the m searches among all searches; shape (m,).
     chi_square: Array  #: Chi-square before the step; shape (m,).
     predicted_decrease: Array  #: Predicted decrease of chi-square by the step; shape (m,).
     #: Length of the computed step divided by the longest allowed step, may exceed 1; shape (m,).
@@ -256,7 +262,7 @@ class _TrialSteps(NamedTuple):
 
 
 class _Searches:
-    """State of all searches, of the active ones and of those that have ended."""
+    """Coordinates, damping and augmented matrices of all searches, active or ended."""
 
     def __init__(
         self,
@@ -303,17 +309,21 @@ class _Searches:
         )
 
     def mark_repeated(self, trial: _TrialSteps) -> Mask:
-        """Mark the steps that lead close to a better search or to a minimum found before."""
+        """Mark the steps that end close to that of a better search or to a minimum.
+
+        A search is better if its chi-square is lower. The minima are the end points of the searches
+        that have converged.
+        """
         minima = self._coordinates[self._converged]
         return mark_repeated(trial.coordinates, trial.chi_square, self._merge_distances, minima)
 
     def finish(self, trial: _TrialSteps, is_last: Mask) -> None:
-        """End some searches after a last step, without evaluating the residuals there.
+        """Take the last step of some searches, without evaluating the residuals after it.
 
         Parameters
         ----------
         trial : _TrialSteps
-            Last steps of these m searches.
+            Last steps of the m searches to end.
         is_last : ndarray of bool, shape (m,)
             Whether a search has converged; false for an abandoned search.
         """
@@ -322,14 +332,15 @@ class _Searches:
         self._chi_square[trial.searches] -= trial.predicted_decrease
 
     def advance(self, trial: _TrialSteps) -> Indices:
-        """Accept the steps that do not raise chi-square, and adapt the damping.
+        """Evaluate the residuals after proposed steps, and take those that do not raise chi-square.
 
-        A search at the bounds ends, as converged, once chi-square hardly decreases any more.
+        The damping of each search is adapted. A search at the bounds ends as converged if the step
+        hardly lowers chi-square or raises it.
 
         Parameters
         ----------
         trial : _TrialSteps
-            Proposed steps, at which the residuals are evaluated.
+            Proposed steps of the active searches.
 
         Returns
         -------
@@ -361,14 +372,14 @@ class _Searches:
 def mark_repeated(
     points: Array, chi_square: Array, distances: Array, minima: Array | None = None
 ) -> Mask:
-    """Mark points that are close to a better point or to a minimum.
+    """Mark points that are close to a point with a lower chi-square or to a known minimum.
 
     Parameters
     ----------
     points : ndarray, shape (n, k)
         Coordinates of the points.
     chi_square : ndarray, shape (n,)
-        Chi-square at the points; a lower value is better.
+        Chi-square at the points.
     distances : ndarray, shape (k,)
         Two points are close if they differ by less than this along every coordinate.
     minima : ndarray, shape (m, k), optional
@@ -377,10 +388,11 @@ def mark_repeated(
     Returns
     -------
     ndarray of bool, shape (n,)
-        True for points that are close to a better point or to a minimum.
+        True for points that are close to a point with a lower chi-square or to a minimum.
     """
     if minima is None:
         minima = points[:0]
+    # Every minimum counts as better than every point.
     is_better = np.ones((len(points), len(points) + len(minima)), dtype=bool)
     is_better[:, : len(points)] = chi_square < chi_square[:, None]
     row, other = np.nonzero(is_better)

@@ -16,7 +16,7 @@ from pvdf_fem.arrays import Array
 
 
 def append_prior_rows(system: Array, residuals: Array, inverse_deviations: Array) -> Array:
-    """Append one residual per coordinate for normal priors of the coordinates.
+    """Append residuals for normal priors, one for each of the k coordinates.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def append_prior_rows(system: Array, residuals: Array, inverse_deviations: Array
     Returns
     -------
     ndarray, shape (n, residuals + k, 1 + k)
-        Augmented matrices with the rows of the priors at the end.
+        New augmented matrices, with the rows of the priors at the end.
     """
     count = len(inverse_deviations)
     prior_rows = np.zeros((len(system), count, 1 + count))
@@ -41,7 +41,7 @@ def append_prior_rows(system: Array, residuals: Array, inverse_deviations: Array
 
 
 def apply_robust_loss(system: Array, limits: Array) -> Array:
-    """Reduce the weights of groups of residuals whose norm is too large.
+    """Reduce the weights of groups of residuals whose squared norm exceeds a limit.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def apply_robust_loss(system: Array, limits: Array) -> Array:
     Returns
     -------
     ndarray, shape (1, groups * (residuals + 1), 1 + k)
-        The augmented matrix of the search, with one further residual per group.
+        The augmented matrix of the search: for each group its residuals, then a further one.
 
     Notes
     -----
@@ -83,7 +83,8 @@ def compute_normal_matrices(system: Array) -> Array:
     Returns
     -------
     ndarray, shape (n, 1 + k, 1 + k)
-        Symmetric matrices with χ² in the corner [0, 0], the gradient Jᵀr beside it, and JᵀJ.
+        Symmetric matrices with χ² = |r|² in the corner [0, 0], the gradient Jᵀr in the rest of the
+        first row and column, and JᵀJ in the rows and columns from 1 on.
     """
     return np.matmul(system.swapaxes(1, 2), system)
 
@@ -108,7 +109,8 @@ def compute_damped_steps(normal: Array, damping: Array | float) -> DampedSteps:
     Returns
     -------
     DampedSteps
-        Steps s = -(JᵀJ + λ diag(JᵀJ))⁻¹ Jᵀr, and the decreases of chi-square that they predict.
+        Steps s = -(JᵀJ + λ diag(JᵀJ))⁻¹ Jᵀr, zero along coordinates on which no residual depends,
+        and the decreases of chi-square that are predicted for the steps.
 
     Notes
     -----
@@ -116,7 +118,7 @@ def compute_damped_steps(normal: Array, damping: Array | float) -> DampedSteps:
     λ sᵀdiag(JᵀJ)s.
     """
     damped = normal[:, 1:, 1:].copy()
-    diagonal = np.einsum("nii->ni", damped)  # a view
+    diagonal = np.einsum("nii->ni", damped)  # a view: changes of it change `damped`
     diagonal *= 1.0 + damping
     # Coordinates that the residuals do not depend on keep their values.
     diagonal += diagonal == 0.0

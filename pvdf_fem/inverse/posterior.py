@@ -45,18 +45,21 @@ class Posterior:
     #: Period of each unknown: of a rotation in degrees, 0 for other quantities; shape (unknown,).
     periods: Array
 
-    def compute_deviations(self, about: Array) -> Array:
+    def compute_half_widths(self, about: Array) -> Array:
         """Compute half-widths of intervals that hold 68.3 % of the posterior probability.
+
+        They are standard deviations if the distribution is normal with the mean `about`.
 
         Parameters
         ----------
         about : ndarray, shape (unknown,)
-            Centres of the intervals.
+            Values of the unknown quantities at the centres of the intervals.
 
         Returns
         -------
         ndarray, shape (unknown,)
-            Half-width of the interval of each quantity by itself, in the unit of the quantity.
+            Half-width of the interval of each quantity, whatever the values of the others, in the
+            unit of the quantity.
         """
         distances = np.abs(_subtract_periods(self.values - about, self.periods)).T
         half_widths = []
@@ -66,22 +69,22 @@ class Posterior:
         return np.array(half_widths)
 
     def compute_covariance(self, about: Array) -> Array:
-        """Compute the posterior covariance, scaled to the half-widths of `compute_deviations`.
+        """Compute a covariance from half-widths of 68.3 % intervals and posterior correlations.
 
         Parameters
         ----------
         about : ndarray, shape (unknown,)
-            Point about which deviations and correlations are computed.
+            Values of the unknown quantities about which second moments are computed.
 
         Returns
         -------
         ndarray, shape (unknown, unknown)
             Second moments of the samples about the point, with rows and columns scaled so that the
-            diagonal has the squares of `compute_deviations`.
+            diagonal has the squares of `compute_half_widths`.
         """
         differences = _subtract_periods(self.values - about, self.periods)
         moments = (differences * self.weights[:, None]).T @ differences
-        scale = self.compute_deviations(about) / np.sqrt(np.diag(moments))
+        scale = self.compute_half_widths(about) / np.sqrt(np.diag(moments))
         return moments * np.outer(scale, scale)
 
 
@@ -94,7 +97,7 @@ class _Mixture:
     freedom: float  #: Degrees of freedom of every component.
 
     def compute_density(self, steps: Array) -> Array:
-        """Compute the density of the mixture at n points, up to a constant factor.
+        """Compute the probability density of the mixture at n points, up to a constant factor.
 
         Parameters
         ----------
@@ -104,7 +107,7 @@ class _Mixture:
         Returns
         -------
         ndarray, shape (n,)
-            Density times a constant.
+            Density times a constant that is the same for all points.
         """
         # scipy.stats.multivariate_t evaluates one component at a time, at ten times the cost.
         inverses = np.linalg.inv(self.roots)
@@ -134,7 +137,8 @@ def sample_posterior(
     touches : sequence of Touch
         Maxima of the likelihood, about which samples are drawn.
     draws : int
-        Number of samples, before those outside of the response's domain are discarded.
+        Number of samples that are drawn, of which those outside of the response's domain and those
+        more than half a period of the rotation from their maximum are discarded.
     freedom : float
         Degrees of freedom of the Student's t distributions of the mixture.
     widening : float
@@ -146,7 +150,7 @@ def sample_posterior(
     Returns
     -------
     Posterior
-        Weighted samples within the response's domain; samples outside of it if none is inside.
+        Weighted samples within the response's domain, or outside of it if none is inside.
     """
     unknown = problem.unknown
     maxima = problem.to_coordinates(np.array([touch.values for touch in touches]))
@@ -158,15 +162,15 @@ def sample_posterior(
     component = np.searchsorted(np.cumsum(mixture.fractions)[:-1], standard.level)
     normal_steps = np.matmul(mixture.roots[component], standard.normal[:, :, None])[:, :, 0]
     steps = standard.radius[:, None] * normal_steps
-    drawn = maxima[component]
+    drawn = maxima[component]  # a copy, to which the steps are added
     drawn[:, unknown] += steps
     # A step by more than half a period would count the same rotation twice.
     is_within_period = (_subtract_periods(steps, periods) == steps).all(axis=1)
     is_inside = (problem.project_onto_domain(drawn) == drawn).all(axis=1)
-    is_kept = is_within_period & is_inside
-    if not is_kept.any():  # for instance if the only maximum is beyond the domain
-        is_kept = is_within_period
-    drawn = drawn[is_kept]
+    is_used = is_within_period & is_inside
+    if not is_used.any():  # for instance if the only maximum is beyond the domain
+        is_used = is_within_period
+    drawn = drawn[is_used]
     differences = drawn[:, unknown] - maxima[:, None, unknown]
     density = mixture.compute_density(_subtract_periods(differences, periods))
     chi_square = np.square(problem.linearise(drawn)[:, :, 0]).sum(axis=1)
@@ -184,7 +188,7 @@ def _make_mixture(
     min_fraction: float,
     freedom: float,
 ) -> _Mixture:
-    """Make the mixture of Student's t distributions from which samples are drawn.
+    """Make the mixture of Student's t distributions, one about each maximum of the likelihood.
 
     Parameters
     ----------
@@ -206,14 +210,14 @@ def _make_mixture(
 
 
 def _subtract_periods(differences: Array, periods: Array) -> Array:
-    """Reduce differences of periodic quantities to between minus and plus half a period.
+    """Add whole periods to differences, so that they are between minus and plus half a period.
 
     Parameters
     ----------
     differences : ndarray, shape (..., unknown)
         Differences of the unknown quantities.
     periods : ndarray, shape (unknown,)
-        Periods; 0 for quantities without a period, whose differences stay as they are.
+        Periods; 0 for quantities without a period, whose differences do not change.
     """
     if not periods.any():
         return differences
@@ -231,7 +235,7 @@ class _StandardDraws(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _draw_standard(dimension: int, draws: int, freedom: float) -> _StandardDraws:
-    """Draw standard random numbers, with a fixed seed.
+    """Draw the random numbers from which samples of any mixture are made, with a fixed seed.
 
     Parameters
     ----------
@@ -251,24 +255,25 @@ def _draw_standard(dimension: int, draws: int, freedom: float) -> _StandardDraws
 def profile_chi_square(
     problem: LocationProblem, touch: Touch, positions_mm: Array, rotations: int = 6
 ) -> Array:
-    """Minimise chi-square with respect to force and rotation at each of many positions.
+    """Minimise chi-square at each of many positions, over all unknowns except for x and y.
 
     Parameters
     ----------
     problem : LocationProblem
         Measured charges, of which the first row is fitted, and the response.
     touch : Touch
-        Touch whose force and rotation are the initial values of the searches.
+        Touch whose force and rotation are the initial values of the searches. Known quantities
+        keep the values of this touch.
     positions_mm : ndarray, shape (n, 2)
         Positions x, y in the frame of the scene's stage.
     rotations : int
-        Number of initial rotations, spread over the period, if the rotation is unknown.
+        Number of initial rotations, spread over the period. Ignored if the rotation is known.
 
     Returns
     -------
     ndarray, shape (n,)
         Minimum of chi-square at each position: minus twice the logarithm of the profile likelihood,
-        up to a constant.
+        up to a constant. It is approximate, because the searches end after a few steps.
     """
     touches = np.tile(touch.values, (len(positions_mm), 1))
     touches[:, POSITION] = positions_mm

@@ -15,7 +15,7 @@ from pvdf_fem.solver.nonlinear.status import NotConvergedError
 
 
 class SingleTouches(NamedTuple):
-    """Charges of single touches of one probe under 1 N."""
+    """Charges of touches of one probe under 1 N, rotated by the polar angle of its position."""
 
     positions_mm: Array  #: Positions x, y on the film; shape (n, 2).
     charges_pC: Array  #: Charges of all electrodes; shape (n, electrodes).
@@ -25,7 +25,9 @@ class SingleTouches(NamedTuple):
 def tabulate_single_touches(
     scene: Scene, reach_mm: float, solved_pitch_mm: float, fine_pitch_mm: float
 ) -> SingleTouches:
-    """Solve single touches on rings and interpolate their charges to a finer raster.
+    """Solve single touches on rings, and interpolate their charges to a finer square raster.
+
+    Positions whose solve does not converge are left out of the interpolation.
 
     Parameters
     ----------
@@ -34,15 +36,15 @@ def tabulate_single_touches(
     reach_mm : float
         Maximum distance of the probe from the centre.
     solved_pitch_mm : float
-        Spacing of the positions that are solved. The probe is rotated by the polar angle of its
-        position, so that by symmetry a round film requires few solves.
+        Spacing of the rings, and of the positions on a ring. The probe is rotated by the polar
+        angle of its position, so that by symmetry many positions on a round film share a solve.
     fine_pitch_mm : float
         Spacing of the square raster.
 
     Returns
     -------
     SingleTouches
-        Interpolated charges on the raster; cached for the last few arguments.
+        Interpolated charges on the raster. The last few results are cached by the arguments.
 
     Raises
     ------

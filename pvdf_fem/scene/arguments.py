@@ -26,7 +26,7 @@ Value = TypeVar("Value")
 
 
 class HasScene(Protocol):
-    """A result that keeps its scene, such as `Solution`, `Modes` or `Response`."""
+    """A result that stores its scene, such as `Solution`, `Modes` or `Response`."""
 
     @property
     def scene(self) -> Scene:
@@ -60,7 +60,7 @@ def as_scene(scene: SceneLike) -> Scene:
     ----------
     scene : Scene, str, Path, mapping or HasScene
         A scene; the path of a scene file; a dict of tables, which change the default scene; or a
-        result that keeps its scene.
+        result with the attribute ``scene``.
 
     Returns
     -------
@@ -71,7 +71,7 @@ def as_scene(scene: SceneLike) -> Scene:
     SceneError
         If the file or the tables have errors.
     TypeError
-        If the argument is none of these.
+        If the argument is not one of these types.
     """
     if isinstance(scene, Scene):
         return scene
@@ -100,7 +100,7 @@ def as_response(response: T) -> T:
 def coerce(
     name: str, value: Any, kind: Any, limits: tuple[float, float] | None = None, unit: str = ""
 ) -> Any:
-    """Coerce an argument to a type.
+    """Convert an argument to a type, or raise an error that names the argument.
 
     Parameters
     ----------
@@ -109,16 +109,17 @@ def coerce(
     value : object
         The argument.
     kind : type
-        A type that pydantic validates, or another class of which the value must be an instance.
+        Type of the result. For a class other than numbers, texts and paths, the value must already
+        be an instance; for any other type or annotation, pydantic converts the value.
     limits : pair of float, optional
-        Minimum and maximum, both allowed; used only with the kinds ``bool``, ``int`` and ``float``.
+        Minimum and maximum, both allowed; used only with the kinds ``int`` and ``float``.
     unit : str
         Unit of the limits in error messages.
 
     Returns
     -------
     object
-        The value as an instance of `kind`.
+        The value in the type `kind`.
 
     Raises
     ------
@@ -139,9 +140,9 @@ def coerce(
 
 @lru_cache(maxsize=128)
 def _make_validator(kind: Any) -> TypeAdapter[Any]:
-    """Make pydantic's validator of a type.
+    """Return the cached validator of pydantic that converts values to a type.
 
-    Validators are cached: to make one takes longer than to locate a touch.
+    It is cached because to make one takes longer than to locate a touch.
     """
     return TypeAdapter(kind)
 
@@ -149,7 +150,7 @@ def _make_validator(kind: Any) -> TypeAdapter[Any]:
 def coerce_array(
     name: str, value: Any, limits: tuple[float, float] | None = None, unit: str = ""
 ) -> Array:
-    """Coerce an argument to an array of numbers.
+    """Convert an argument to an array of numbers, or raise an error that names the argument.
 
     Parameters
     ----------
@@ -158,14 +159,15 @@ def coerce_array(
     value : array_like
         A number or an array of any shape.
     limits : pair of float, optional
-        Minimum and maximum, both allowed. With limits, the array must not be empty.
+        Minimum and maximum, both allowed. With limits, the array must not be empty; without them,
+        infinite numbers and NaN are valid.
     unit : str
         Unit of the limits in error messages.
 
     Returns
     -------
     ndarray of float
-        In the shape of `value`.
+        A copy with the shape of `value`.
 
     Raises
     ------

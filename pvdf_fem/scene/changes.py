@@ -21,11 +21,12 @@ Steps = tuple[Any, ...]
 
 # Keys on which the existence of other keys depends, in the order in which they must be changed.
 _DECISIVE_KEYS = ("layout", "shape", "kind", "profile")
-# Value of the change that creates a table; the values in the table are changes of their own.
+# Value of a change that creates a table if there is none; the values in the table are changes of
+# their own.
 _TABLE = object()
 _KEY = re.compile(r"[^.[\]]+(?:\.[^.[\]]+|\[[0-9]{1,9}\])*")
 # Keys that are removed when the shape changes.
-_KEYS_OF_A_SHAPE = SIZE_KEYS | {"edge_radius_mm"}
+_KEYS_OF_ONE_SHAPE = SIZE_KEYS | {"edge_radius_mm"}
 _KEYS_OF_EVERY_LAYOUT = Layout.list_common_keys()
 # Tables of a scene of which there may also be a list.
 _TABLES_OR_LISTS = ("electrodes", "probe")
@@ -43,32 +44,35 @@ class Replaced(dict[str, Any]):
 
 
 class _Change(NamedTuple):
-    """A change of a single value."""
+    """A change of one key."""
 
-    key: str  #: The key as the user wrote it.
-    value: Any
+    key: str  #: The key as the user wrote it, for error messages.
+    value: Any  #: The new value, or `_TABLE`.
 
 
 class _IndexError(ValueError):
-    """A list that is addressed by name, or a table that is addressed by index."""
+    """A key without the index of a list, or with an index although there is no list."""
 
 
 @lru_cache(maxsize=1024)
 def parse_key(key: str) -> Steps:
-    """Parse a dotted key to names and indices; return an empty tuple if it is not a key."""
+    """Parse a dotted key to names and indices, moving a listed probe's force out of ``load``.
+
+    Return an empty tuple if the text is not a key. Whether a scene has the key is not checked.
+    """
     if not _KEY.fullmatch(key):
         return ()
     steps = re.findall(r"[^.[\]]+", key)
     is_index = [re.fullmatch("[0-9]{1,9}", step) for step in steps]
-    return _move_beside_shape(
+    return _move_out_of_load(
         tuple(int(s) if index else s for s, index in zip(steps, is_index, strict=True))
     )
 
 
-def _move_beside_shape(steps: Steps) -> Steps:
+def _move_out_of_load(steps: Steps) -> Steps:
     """Convert ``probe[0].load.force_N`` to ``probe[0].force_N``, where the force is stored.
 
-    The same holds for all `FORCE_KEYS`; other keys are returned unchanged.
+    All `FORCE_KEYS` of listed probes are converted; other keys are returned unchanged.
     """
     match steps:
         case ("probe", int() as number, "load", key, *further) if key in FORCE_KEYS:
@@ -93,7 +97,9 @@ def get_number(scene: Any, key: str) -> float:
     Raises
     ------
     AttributeError, IndexError, TypeError
-        If the scene has no number under this key.
+        If the scene does not have this key, or has no number under it.
+    ValueError
+        If the value is a text.
     """
     value = scene
     for step in parse_key(key):
@@ -104,7 +110,8 @@ def get_number(scene: Any, key: str) -> float:
 def normalize_key(key: str) -> str:
     """Return the standard spelling of a key: ``electrodes[0].x_mm`` for ``electrodes.0.x_mm``.
 
-    A text that is not a key is returned unchanged.
+    The forces and the depth of a listed probe are moved out of its ``load``, as by `parse_key`. A
+    text that is not a key is returned unchanged.
     """
     spelling = ""
     for step in parse_key(key):
@@ -115,9 +122,9 @@ def normalize_key(key: str) -> str:
 def apply_changes(
     tables: dict[str, Any], new_values: Any, keywords: Mapping[str, Any]
 ) -> list[str]:
-    """Change values in the tables of a scene in place.
+    """Change values in the tables of a scene in place, and remove keys that do not go with them.
 
-    The new values are not validated.
+    The new values are not validated. For the removed keys, see the notes of `Scene.with_`.
 
     Parameters
     ----------
@@ -125,15 +132,17 @@ def apply_changes(
         The tables of a scene, which are changed.
     new_values : mapping or None
         New values by dotted key, such as ``load.force_N`` or ``probe[0].x_mm``. Tables among the
-        values are merged into those of the scene, and tables that a key needs are created.
+        values are merged into those of the scene, unless they are `Replaced` or models. Missing
+        tables are created.
     keywords : mapping
-        Further values in the same form, which take precedence over equal keys of `new_values`.
+        Further values by dotted key. If a key is also in `new_values`, the keyword counts.
 
     Returns
     -------
     list of str
-        ``key = value: reason; advice`` for each key that is not a key of the scene or is changed
-        twice.
+        ``key = value: reason; advice`` for each key that is invalid, does not lead to a table of
+        the scene, or is given twice in different forms; these changes are skipped. If `new_values`
+        is neither a mapping nor None, its error is the only one and nothing is changed.
     """
     if not isinstance(new_values, Mapping | None):
         reason = 'must be a dict of keys with their values; give {"load.force_N": 2}'
@@ -158,7 +167,7 @@ def apply_changes(
 
 
 def _collect_changes(values: Mapping[Any, Any]) -> tuple[dict[Steps, _Change], list[str]]:
-    """Collect the changes of single values.
+    """Split changes into changes of single keys, and find invalid and repeated keys.
 
     Parameters
     ----------
@@ -168,9 +177,9 @@ def _collect_changes(values: Mapping[Any, Any]) -> tuple[dict[Steps, _Change], l
     Returns
     -------
     changes : dict of tuple to _Change
-        Changes by the steps of their keys.
+        Changes by the parsed key; of a repeated key, the first change.
     problems : list of str
-        Errors of invalid and repeated keys.
+        ``key = value: reason; advice`` for each invalid or repeated key.
     """
     changes: dict[Steps, _Change] = {}
     problems = []
@@ -193,40 +202,43 @@ def _collect_changes(values: Mapping[Any, Any]) -> tuple[dict[Steps, _Change], l
 
 
 def _rank_change(steps: Steps) -> tuple[int, int]:
-    """Return the sort key of a change: by depth, and then decisive keys before others."""
+    """Return the sort key by which changes are ordered before they are applied.
+
+    Keys with fewer steps come first, and among them `_DECISIVE_KEYS` in their order.
+    """
     name = steps[-1]
     rank = _DECISIVE_KEYS.index(name) if name in _DECISIVE_KEYS else len(_DECISIVE_KEYS)
     return len(steps), rank
 
 
 def iterate_values(steps: Steps, value: Any) -> Iterator[tuple[Steps, Any]]:
-    """Split a change into changes of single values.
+    """Split the change of a table into changes of its keys, recursively.
 
     Parameters
     ----------
     steps : tuple of str and int
-        The parsed key.
+        The parsed key that is changed.
     value : object
-        The new value. A mapping is split, unless it is `Replaced`.
+        The new value. A mapping is split, unless it is `Replaced`; any other value is not.
 
     Yields
     ------
     steps : tuple of str and int
-        The parsed key of a single value.
+        The parsed key of a table or a value; a table comes before its keys.
     value : object
-        The value in plain types; a placeholder for a table, before the values in the table.
+        `_TABLE` for a table that is split, and else the value in plain types.
     """
     if isinstance(value, Mapping) and not isinstance(value, Replaced):
         yield steps, _TABLE
         for key, item in value.items():
-            inner_steps = _move_beside_shape((*steps, _escape_surrogates(key)))
+            inner_steps = _move_out_of_load((*steps, _escape_surrogates(key)))
             yield from iterate_values(inner_steps, item)
     else:
         yield steps, to_plain_value(value)
 
 
 def find_changed_keys(changes: Mapping[str, Any]) -> set[str]:
-    """Return the keys that changes set.
+    """Find the keys that changes set, abbreviated to table and key.
 
     Parameters
     ----------
@@ -236,8 +248,8 @@ def find_changed_keys(changes: Mapping[str, Any]) -> set[str]:
     Returns
     -------
     set of str
-        The first two names of each key without indices, such as ``load.force_N``; only the name of
-        the table for tables that are replaced.
+        The first two names of each changed key without indices, such as ``load.force_N``. If a
+        whole table is replaced, only the name of the table.
     """
     keys = set()
     for key, change in changes.items():
@@ -249,18 +261,29 @@ def find_changed_keys(changes: Mapping[str, Any]) -> set[str]:
 
 
 def _apply_change(tables: dict[str, Any], steps: Steps, value: Any, alternative: Any) -> None:
-    """Change a single value in the tables of a scene in place.
+    """Set one key in the tables of a scene in place, and remove keys that do not go with it.
+
+    Missing tables around the key are created. A new shape removes the size keys of all shapes, a
+    new layout removes the keys that only some layouts have, and `set_key` removes further keys.
 
     Parameters
     ----------
     tables : dict
-        The tables of the scene.
+        The tables of the scene, which are changed.
     steps : tuple of str and int
         The parsed key.
     value : object
-        The new value, or `_TABLE` to make sure that a table is there.
+        The new value. For `_TABLE`, an existing table is left as it is, and anything else is
+        replaced by an empty table.
     alternative : object
-        New value of the key's alternative (see `set_key`), or None.
+        The value that is set at the same time for the key's alternative, or None; see `set_key`.
+
+    Raises
+    ------
+    _IndexError
+        If the key does not have the index of a list, or has one although there is no list.
+    AttributeError, LookupError, TypeError, ValueError
+        If the key leads to a value that is not a table, or to an entry that a list does not have.
     """
     _require_index_of_list(tables, steps)
     node: Any = tables
@@ -274,7 +297,7 @@ def _apply_change(tables: dict[str, Any], steps: Steps, value: Any, alternative:
         node[last] = value
         return
     if last == "shape" and node.get("shape") != value:
-        for size in node.keys() & _KEYS_OF_A_SHAPE:
+        for size in node.keys() & _KEYS_OF_ONE_SHAPE:
             del node[size]
     if steps == ("electrodes", "layout") and node.get("layout") != value:
         for key in node.keys() - _KEYS_OF_EVERY_LAYOUT:
@@ -283,7 +306,11 @@ def _apply_change(tables: dict[str, Any], steps: Steps, value: Any, alternative:
 
 
 def _require_index_of_list(tables: dict[str, Any], steps: Steps) -> None:
-    """Raise if a list of electrodes or probes is addressed by name, or a table by index."""
+    """Raise `_IndexError` if the index of a key below electrodes or probes does not fit the scene.
+
+    A list requires an index, a single table must have none, and an inner table that the single
+    table does not have, such as ``probe.load``, requires a list.
+    """
     section = steps[0]
     if section not in _TABLES_OR_LISTS or len(steps) <= 2:
         return
@@ -303,12 +330,20 @@ def _require_index_of_list(tables: dict[str, Any], steps: Steps) -> None:
 
 
 def _escape_surrogates(key: Any) -> Any:
-    """Escape unpaired surrogates in a key, since pydantic cannot report errors of such keys."""
+    """Escape unpaired surrogates in a key, since pydantic cannot report errors of such keys.
+
+    Anything but a text is returned unchanged.
+    """
     return key.encode("utf-8", "backslashreplace").decode() if isinstance(key, str) else key
 
 
 def to_plain_value(value: Any) -> Any:
-    """Convert models, NumPy values, mappings and tuples to the types that a TOML parser returns."""
+    """Convert a value to the types that a TOML parser returns, recursively.
+
+    Models and mappings become dicts, tuples and arrays become lists, and NumPy scalars become
+    Python scalars. Keys of models with the value None are omitted. Other types are returned
+    unchanged.
+    """
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", exclude_none=True)
     if isinstance(value, np.generic | np.ndarray):

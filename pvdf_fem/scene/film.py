@@ -168,7 +168,10 @@ class Film(Section):
     @field_validator("temperature_change_K")
     @classmethod
     def _resolve_cooling(cls, value: float | None, info: ValidationInfo) -> float | None:
-        """Set the default cooling of 1 K, and refuse a temperature change beside a pretension."""
+        """Return a cooling of 1 K if neither a temperature change nor a pretension is given.
+
+        Refuse a temperature change if a pretension is given, too.
+        """
         pretension = info.data.get("pretension_N_m")
         if pretension is None:
             return -1.0 if value is None else value
@@ -182,6 +185,7 @@ class Film(Section):
     def _reject_unpaired_coefficient(
         cls, value: tuple[float, ...] | None
     ) -> tuple[float, ...] | None:
+        """Refuse an even number of coefficients, in which the last cosine has no sine."""
         if value is not None and len(value) % 2 == 0:
             reason = "has a cosine without the sine; give an odd number of coefficients"
             raise make_validation_error(reason)
@@ -190,6 +194,7 @@ class Film(Section):
     @field_validator("bending", "coupling", mode="before")
     @classmethod
     def _reject_other_words(cls, value: Any) -> Any:
+        """Refuse values other than true, false and ``"auto"``."""
         if isinstance(value, bool) or value == "auto":
             return value
         raise make_validation_error('is not a valid value; give true, false or "auto"')
@@ -197,7 +202,11 @@ class Film(Section):
     @field_validator("patches")
     @classmethod
     def _reject_patches(cls, value: Any, info: ValidationInfo) -> Any:
-        """Refuse patches outside of the rim, and their thermal expansion beside a pretension."""
+        """Refuse patches entirely outside of the rim; return None for an empty list.
+
+        Refuse also a patch's thermal expansion if the film has a pretension, which determines no
+        change of the temperature.
+        """
         rim_radius = info.data.get("radius_mm", np.nan) / 1e3
         rim = Circle(np.zeros(2), rim_radius)
         for number, patch in enumerate(value or ()):
@@ -251,7 +260,7 @@ class Film(Section):
 
     @property
     def reference_state(self) -> Film:
-        """A copy of the film without warming and pressure, to which changes of charges refer."""
+        """The film without warming and pressure: changes of charges are relative to its charges."""
         before = {"warming_K": None, "pressure_Pa": None, "pressure_follows": False}
         return self.model_copy(update=before)
 
@@ -262,12 +271,16 @@ class Film(Section):
 
     @property
     def distributed_force(self) -> float:
-        """Magnitude of the resultant of pressure and weight in N, without the weight of patches."""
+        """Magnitude of the sum of pressure force and weight in N, without the patches' weight."""
         return float(abs((self.pressure_Pa or 0.0) + self.weight) * np.pi * self.radius**2)
 
     @property
     def prestrain(self) -> NDArray[np.float64]:
-        """Elastic strain of the flat clamped film with engineering shear, shape (3,)."""
+        """Elastic strain (11, 22, 12) of the flat clamped film after warming, shape (3,).
+
+        The shear is the engineering shear. The strain follows from the temperature change, or else
+        from the pretension. Patches and the displacement of the rim are not included.
+        """
         if self.temperature_change_K is not None:
             change = self.temperature_change_K + (self.warming_K or 0.0)
             strain = -self.thermal_expansion_per_K * change
@@ -276,7 +289,11 @@ class Film(Section):
 
     @property
     def prestress(self) -> NDArray[np.float64]:
-        """Stress in the flat clamped film in Pa, shape (3,), as if it could bear compression."""
+        """Stress (11, 22, 12) in Pa in the flat clamped film after warming, shape (3,).
+
+        It may be compressive, as if the film did not wrinkle. Patches and the displacement of the
+        rim are not included.
+        """
         if self.pretension_N_m is None:
             return self.stiffness @ self.prestrain
         tension = np.append(np.broadcast_to(self.pretension_N_m, 2), 0.0)
@@ -300,12 +317,12 @@ class Film(Section):
         return {f"film patch {i}": self._make_layer(p) for i, p in enumerate(patches, start=1)}
 
     def _make_layer(self, patch: Patch) -> Layer:
-        """Make the layer of a patch, with properties of the film where the patch has none."""
+        """Make the layer of a patch; properties that the patch does not give are the film's."""
         stiffness = self.stiffness
         modulus = patch.youngs_modulus_GPa
         if modulus is not None:
             nu = patch.poisson_ratio
-            if nu is None:
+            if nu is None:  # that of the film, or the mean √(ν12 ν21) of an orthotropic film
                 nu = float(stiffness[0, 1] / np.sqrt(stiffness[0, 0] * stiffness[1, 1]))
             stiffness = 1e9 * compute_plane_stress_stiffness(modulus, modulus, nu12=nu)
         prestrain = self.reference_state.prestrain * (patch.bonded != "at rest")
@@ -319,22 +336,25 @@ class Film(Section):
 
     @property
     def has_unbalanced_prestress(self) -> bool:
-        """Whether the prestress is not uniform, so that the unloaded film deforms in its plane."""
-        is_layer_stretched = any(layer.prestrain.any() for layer in self.layers.values())
-        return is_layer_stretched or self.rim_displacement_um is not None
+        """Whether strained patches or a displaced rim deform the unloaded film in its plane."""
+        is_layer_strained = any(layer.prestrain.any() for layer in self.layers.values())
+        return is_layer_strained or self.rim_displacement_um is not None
 
     @property
     def is_flat_unloaded(self) -> bool:
-        """Whether the film without probes is flat and undeformed in equilibrium."""
+        """Whether the film without probes is flat and undeformed in equilibrium.
+
+        This is the case without strained patches, a displaced rim, pressure and weight.
+        """
         return not (self.has_unbalanced_prestress or self.distributed_force)
 
     @property
     def is_inhomogeneous(self) -> bool:
-        """Whether stiffness or prestrain vary over the film."""
+        """Whether stiffness or prestrain vary over the film, by patches or a displaced rim."""
         return bool(self.patches or self.rim_displacement_um)
 
     def compute_rim_strain(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Compute the strain of a smooth displacement field that equals the rim's on the rim.
+        """Compute the strain of a smooth displacement field with `rim_displacement_um` at the rim.
 
         Parameters
         ----------
@@ -344,7 +364,7 @@ class Film(Section):
         Returns
         -------
         ndarray, shape (..., 3)
-            Linear strain with engineering shear.
+            Linear strain (11, 22, 12) with engineering shear; zero if no displacement is given.
 
         Notes
         -----

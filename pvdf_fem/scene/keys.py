@@ -64,7 +64,8 @@ def make_validation_error(
     Returns
     -------
     PydanticCustomError
-        An error of the type ``"scene"``, with the parameters as its context.
+        An error of the type ``"scene"``. Its context has the reason and, if a key is given, the key
+        and its value.
     """
     context = {"reason": reason}
     if key is not None:
@@ -110,21 +111,23 @@ class Key:
     example: Any = None  #: A value for the example scene if the default is None.
 
     def title(self, name: str) -> str:
-        """Return a key as words with its unit: ``thickness (µm)`` for ``thickness_um``."""
+        """Return a name as words, with its unit: ``thickness (µm)`` for ``thickness_um``."""
         words, unit = split_unit(name)
         return f"{words} ({unit})" if unit else words
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
-        """Make the schema that validates by type, limits, `words` and `needs`."""
+        """Make pydantic's schema of the type `source` with `limits`, `words` and `needs`."""
         schema = self._restrict(handler(source))
         if self.needs is None:
             return schema
         return with_info_after_validator_function(self._check_needs, schema)
 
     def _restrict(self, schema: Any) -> Any:
-        """Return a schema of finite numbers within the limits, and of texts among `words`.
+        """Return a schema of pydantic with restricted numbers and texts.
 
-        The schema is searched recursively; schemas of models in it are not changed.
+        Numbers and booleans are not converted from other types, and numbers must be finite and
+        within the limits. Texts must be among `words` if there are any. The schema is searched
+        recursively, except for schemas of models in it.
         """
         if isinstance(schema, list):
             return [self._restrict(part) for part in schema]
@@ -143,7 +146,12 @@ class Key:
         return no_info_after_validator_function(self._check_limits, strict)
 
     def _check_needs(self, value: Any, info: ValidationInfo) -> Any:
-        """Refuse a value if the key that it needs is missing or has another value."""
+        """Return the value; refuse it if the key in `needs` does not have the required value.
+
+        The other key must not be None if any value is required, and must not be another text if a
+        text is required. Zero, false, None and the neutral value are never refused, and no value is
+        if the other key is invalid itself.
+        """
         assert self.needs is not None
         key, needed = self.needs
         if not value or value == self.neutral or key not in info.data:
@@ -156,7 +164,7 @@ class Key:
         return value
 
     def _check_limits(self, value: float) -> float:
-        """Refuse a number outside of the limits."""
+        """Return the number, -0.0 as 0.0; refuse it if it is outside of the limits."""
         assert self.limits is not None
         low, high = self.limits
         if low <= value <= high:
@@ -171,17 +179,18 @@ class Key:
         raise make_validation_error("; ".join(parts))
 
     def ask_likely_unit(self, value: float) -> str:
-        """Return a question whether the value was meant in another unit.
+        """Return a question whether an unusual value was meant in another unit.
 
         Parameters
         ----------
         value : float
-            In `unit`.
+            Value of the key in `unit`.
 
         Returns
         -------
         str
-            Empty if the value is usual, or is not usual in any of `likely_units` either.
+            Question with the first of `likely_units` in which the value is usual. Empty if there is
+            none, or if the value is zero or its magnitude is usual.
         """
         low, high = self.usual_limits or self.limits or (-1e300, 1e300)
         if value == 0.0 or low <= abs(value) <= high:
@@ -212,13 +221,13 @@ class Section(BaseModel):
     if not TYPE_CHECKING:  # hidden from type checkers, which then report unknown attributes
 
         def __getattr__(self, name: str) -> Any:
-            """Raise `AttributeError` with a suggestion of similar attributes."""
+            """Raise `AttributeError` for an unknown attribute, and suggest similar keys."""
             advice = suggest(name, [*self.table_keys])
             raise AttributeError(f"{type(self).__name__} has no {name}; {advice}")
 
     @classmethod
     def key_of(cls, name: str) -> Key:
-        """Return the `Key` in the annotation of a field, by default ``Key()``."""
+        """Return the `Key` in the annotation of a field, or ``Key()`` if there is none."""
         for mark in cls.model_fields[name].metadata:
             if isinstance(mark, Key):
                 return mark
@@ -235,7 +244,9 @@ class Section(BaseModel):
         raise AttributeError(f"{name} = {value!r:.60}: {reason}")
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Return a copy with other values, which are not validated, and with an empty cache.
+        """Return a copy with other values, which are not validated.
+
+        The copy does not have the cached properties of the original.
 
         Parameters
         ----------
@@ -267,13 +278,13 @@ def select_by_effect(table: Section, *effects: Affects) -> dict[str, Any]:
     table : Section
         A scene or one of its tables.
     *effects : Affects
-        Effects of the selected keys. Keys without an effect of their own affect the mechanics.
+        Effects of the selected keys. Values under keys without `Key.affects` affect the mechanics.
 
     Returns
     -------
     dict
-        Values by key. An inner table, or a list of tables, becomes a list of such dictionaries.
-        Equal selections have the same `repr`.
+        Values by key. If the key of an inner table or of a list of tables has no `Key.affects`, its
+        value is a list of the selections from these tables. Equal selections have the same `repr`.
     """
     selected: dict[str, Any] = {}
     for name, key in table.table_keys.items():

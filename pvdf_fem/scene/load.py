@@ -74,6 +74,7 @@ class LoadOverrides(Section):
     @field_validator("profile")
     @classmethod
     def _reject_unknown_profile(cls, value: str | None) -> str | None:
+        """Refuse a profile that is neither a name nor a path that ends in .csv or .nc."""
         if value is None or value in PROFILE_ENTRIES:
             return value
         if value.partition(DIGEST_MARK)[0].endswith((".csv", ".nc")):
@@ -106,7 +107,7 @@ class LoadOverrides(Section):
     @field_validator("force_N")
     @classmethod
     def _reject_force(cls, value: float | None, info: ValidationInfo) -> float | None:
-        """Refuse a force beside a depth, and a zero force on a tip."""
+        """Refuse a force if a depth is given, too, and a zero force on a tip."""
         if info.data.get("depth_mm") is not None:
             reason = "is incompatible with depth_mm, from which the force is computed"
             raise make_validation_error(f"{reason}; remove one of the two")
@@ -117,7 +118,7 @@ class LoadOverrides(Section):
 
     @model_serializer(mode="wrap")
     def _omit_unset_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Omit unset keys, and the force if a depth is given."""
+        """Serialize the load without keys that are None, and without force if a depth is given."""
         table = {key: value for key, value in handler(self).items() if value is not None}
         if self.depth_mm is not None:
             table.pop("force_N", None)
@@ -138,6 +139,7 @@ class Load(LoadOverrides):
     @field_validator("contact")
     @classmethod
     def _set_default_contact(cls, value: str | None, info: ValidationInfo) -> str | None:
+        """Return ``"sliding"`` for a flat punch without a contact, and else the value."""
         if value is None and info.data.get("kind") == "rigid":
             return "sliding"
         return value
@@ -149,22 +151,22 @@ class Load(LoadOverrides):
 
     @property
     def unloaded(self) -> Load:
-        """A copy of the load with zero force, along x and y too."""
+        """A copy of the load with zero force along x, y and z; a depth is not changed."""
         tangential = None if self.tangential_N is None else (0.0, 0.0)
         return self.model_copy(update={"tangential_N": tangential, "force_N": 0.0})
 
     @property
     def force(self) -> float:
-        """Force along z in N."""
+        """Force along z in N; of no meaning if the depth is given."""
         return self.force_N
 
     @property
     def components(self) -> tuple[float, float, float]:
-        """Force along x, y and z in N."""
+        """Force along x, y and z in N; the one along z has no meaning if the depth is given."""
         along_x, along_y = self.tangential_N or (0.0, 0.0)
         return along_x, along_y, self.force_N
 
     @property
     def profile_entry(self) -> ProfileEntry:
-        """The registry entry of the pressure profile."""
+        """The registry entry of the pressure profile: of its name, or of all profiles in files."""
         return PROFILE_ENTRIES.get(self.profile, TABLE_ENTRY)

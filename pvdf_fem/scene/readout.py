@@ -37,18 +37,19 @@ ByChannel = Annotated[
 
 
 def _reject_zero(value: float) -> float:
+    """Return a number, and refuse zero."""
     if not value:
         raise make_validation_error("must not be zero; give another number")
     return value
 
 
 def resolve_deviation(deviation: float | str, number: float) -> float:
-    """Convert a standard deviation to a number.
+    """Convert a standard deviation, which may be a percentage, to the unit of its number.
 
     Parameters
     ----------
     deviation : float or str
-        A number, or a percentage of `number` such as ``"5 %"``.
+        A number in the unit of `number`, or a percentage of `number` such as ``"5 %"``.
     number : float
         The uncertain number; only its magnitude matters.
 
@@ -63,7 +64,10 @@ def resolve_deviation(deviation: float | str, number: float) -> float:
 
 
 def _check_deviations(deviations: dict[str, Any]) -> ByName[Any]:
-    """Refuse values that are neither positive numbers nor percentages."""
+    """Make standard deviations hashable; refuse those that are not valid.
+
+    Each must be a positive number below 1e12, or a percentage that is not negative.
+    """
     for key, value in deviations.items():
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         is_positive = is_number and 0.0 < value < 1e12
@@ -121,7 +125,11 @@ class Readout(Section):
 
     @model_serializer(mode="wrap")
     def _omit_defaults(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Omit most defaults, so that a change such as ``readout.gain.A`` can create a table."""
+        """Serialize the table without default values other than those of kind and reading.
+
+        A change such as ``readout.gain.A`` can then create a table of gains, while a number as the
+        default gain would be in its way.
+        """
         fields = type(self).model_fields
         table = {}
         for key, value in handler(self).items():
@@ -130,14 +138,18 @@ class Readout(Section):
         return table
 
     def get_value(self, key: str, electrode: str) -> Any:
-        """Return the value that a key has for an electrode, or else the default of the key."""
+        """Return the value of a key for an electrode.
+
+        This is the common value of all electrodes or the electrode's entry in a table. An electrode
+        without an entry has the default of the key.
+        """
         value = getattr(self, key)
         if isinstance(value, ByName):
             return value.get(electrode, type(self).model_fields[key].default)
         return value
 
     def find_channel_errors(self, electrodes: Sequence[str]) -> Iterator[str]:
-        """Find values for electrodes that the scene does not have.
+        """Yield an error message for each value for an electrode that the scene does not have.
 
         Parameters
         ----------

@@ -10,7 +10,7 @@ from pvdf_fem.scene.keys import Key, Section, make_validation_error
 
 
 def _replace_auto(value: Any) -> Any:
-    """Return None for ``"auto"``."""
+    """Return None for ``"auto"``, and any other value unchanged."""
     return None if value == "auto" else value
 
 
@@ -31,6 +31,7 @@ class ResponseDomain(Section):
     @field_validator("force_range_N")
     @classmethod
     def _require_range(cls, value: tuple[float, float]) -> tuple[float, float]:
+        """Refuse a pair of forces that does not increase."""
         minimum, maximum = value
         if minimum >= maximum:
             reason = "must be an increasing pair; give the minimum and the maximum force"

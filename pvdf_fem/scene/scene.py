@@ -120,7 +120,7 @@ class Scene(Result, Section):
         return self
 
     def _find_combination_errors(self) -> Iterator[str]:
-        """Find placement errors, incompatible keys and readouts of unknown electrodes."""
+        """Yield messages on placement, incompatible keys and readouts of unknown electrodes."""
         electrodes = self.electrodes
         observable = self.numerics.observable
         probes = self._probes
@@ -145,7 +145,7 @@ class Scene(Result, Section):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings of a valid scene: loads without effect, and probable mistakes."""
+        """Warnings of a valid scene: loads without effect, and numbers in a probably wrong unit."""
         warnings = []
         has_idle_load = self.probe is None and self.load != Load()
         if has_idle_load:
@@ -172,13 +172,13 @@ class Scene(Result, Section):
 
     @property
     def warm_probes(self) -> dict[str, Probe]:
-        """The warm probes by the keys of their temperatures."""
+        """The probes with another temperature than the film's, by ``probe[0].temperature_K``."""
         probes = self._probes.items()
         return {f"{key}.temperature_K": probe for key, probe in probes if probe.temperature_K}
 
     @property
     def electrode_list(self) -> tuple[Electrode, ...]:
-        """The electrodes; those of a layout are made from it."""
+        """The electrodes of the list, or those of which the layout consists."""
         electrodes = self.electrodes
         return electrodes if isinstance(electrodes, tuple) else electrodes.electrodes
 
@@ -210,8 +210,9 @@ class Scene(Result, Section):
         Parameters
         ----------
         loaded_probes : sequence of LoadedProbe
-            The new probes with their loads, which are not validated: none, or a single one if the
-            scene has a single probe, or any number if it has a list.
+            The new probes with their loads, which are not validated. There may be none, any number
+            if the scene has a list of probes, and one otherwise. Loads of listed probes are stored
+            as overrides, and the scene's load becomes the default.
 
         Returns
         -------
@@ -230,7 +231,7 @@ class Scene(Result, Section):
         return self.model_copy(update={"probe": tuple(probes), "load": Load()})
 
     def find_unused_load_keys(self, keys: Iterable[str]) -> list[str]:
-        """Find keys of the scene's load that all listed probes override.
+        """Select those keys of the scene's load that no listed probe takes from it.
 
         Parameters
         ----------
@@ -240,7 +241,7 @@ class Scene(Result, Section):
         Returns
         -------
         list of str
-            Empty for a scene without a list of probes.
+            The selected keys; empty for a scene without a list of probes.
         """
         if not isinstance(self.probe, tuple):
             return []
@@ -253,7 +254,7 @@ class Scene(Result, Section):
         return unused
 
     def require_no_tips(self, purpose: str) -> None:
-        """Raise `SceneError` if the scene has tips.
+        """Raise `SceneError` if the scene has rigid tips, whose contact area is computed.
 
         Parameters
         ----------
@@ -274,9 +275,9 @@ class Scene(Result, Section):
         Parameters
         ----------
         purpose : str
-            What neglects these contributions, for the message: ``"a response"``.
+            What neglects them, for the message: ``"a response"``.
         *supported : str
-            Names of those among these keys that it takes into account.
+            Names of those among these keys that are not neglected, such as ``d33_pC_N``.
         """
         names = ("coupling", "d33_pC_N", "warming_K")
         values = {f"film.{name}": getattr(self.film, name) for name in names}
@@ -302,7 +303,7 @@ class Scene(Result, Section):
 
     @classmethod
     def from_file(cls, path: Path | str) -> Scene:
-        """Read a scene file.
+        """Make a scene from a scene file.
 
         Parameters
         ----------
@@ -322,7 +323,7 @@ class Scene(Result, Section):
 
     @classmethod
     def parse(cls, text: str, source: str = "<text>") -> Scene:
-        """Parse the text of a scene file.
+        """Make a scene from the text of a scene file.
 
         Parameters
         ----------
@@ -344,7 +345,7 @@ class Scene(Result, Section):
 
     @classmethod
     def example(cls, name: str) -> Scene:
-        """Read a scene that comes with the package.
+        """Make one of the scenes that come with the package as examples.
 
         Parameters
         ----------
@@ -401,15 +402,15 @@ class Scene(Result, Section):
         return self._from_tables(own, "", problems)
 
     def to_toml(self) -> str:
-        """Return the text of a scene file with all keys, which `Scene.parse` reads."""
+        """Return the tables of `to_json` as the text of a scene file, which `Scene.parse` reads."""
         return format_toml(self.to_json())
 
     def to_json(self) -> dict[str, Any]:
-        """Return the tables of the scene with all keys, in types that JSON and TOML can hold."""
+        """Return all tables in types that JSON and TOML can hold, without keys that are None."""
         return self.model_dump(mode="json", exclude_none=True)
 
     def summary(self) -> Summary:
-        """Summarize the film, electrodes and probes, with a table of all keys and the warnings."""
+        """Summarize film, electrodes and probes, with the keys of `to_json` and the warnings."""
         names = ", ".join(electrode.name for electrode in self.electrode_list)
         probes = " and ".join(probe.shape for probe in self._probes.values()) or "no probe"
         values = flatten(self.to_json(), lists=True)
@@ -423,21 +424,21 @@ class Scene(Result, Section):
     def _from_tables(
         cls, tables: dict[str, Any], source: str, problems: Sequence[str] = ()
     ) -> Scene:
-        """Make a scene from its tables.
+        """Validate tables, and refuse them if there are earlier errors, too.
 
         Parameters
         ----------
         tables : dict
-            The tables of the scene.
+            Tables by name, from a scene file or from a changed scene.
         source : str
-            Path or name of the text; may be empty.
+            Path or name of the text for the `SceneError`; may be empty.
         problems : sequence of str
-            Errors that were found before validation. If there are any, the scene is refused.
+            Errors that were found before the validation.
 
         Raises
         ------
         SceneError
-            With `problems` and the errors of the tables.
+            If there are `problems` or the tables have errors. It lists both.
         """
         try:
             scene = cls(**tables)

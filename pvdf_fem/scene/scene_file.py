@@ -66,7 +66,7 @@ def read_scene_text(path: Path | str) -> str:
     Raises
     ------
     SceneError
-        If the file cannot be read.
+        If `path` is not a path, or the file cannot be read or is too large.
     """
     if not isinstance(path, str | Path):
         raise SceneError([format_error("path", path, "is not a path; give the name of a file")])
@@ -77,13 +77,13 @@ def read_scene_text(path: Path | str) -> str:
 
 
 def read_examples() -> dict[str, str]:
-    """Read the texts of all example files (scenes, sweeps and reports) by name."""
+    """Return the texts of the package's examples (scenes, sweeps and reports) by file name."""
     paths = sorted(Path(__file__).parents[1].joinpath("examples").glob("*.toml"))
     return {path.stem: path.read_text("utf-8") for path in paths}
 
 
 def get_example_text(name: str, files: Mapping[str, str]) -> str:
-    """Return the text of an example file; raise `SceneError` for an unknown name."""
+    """Return the text with a name in `files`; raise `SceneError` with advice for other names."""
     if name not in files:
         raise SceneError([f"{quote(name)}: is not an example; {suggest(name, list(files))}"])
     return files[name]
@@ -102,6 +102,7 @@ def read_key_texts() -> Iterator[KeyText]:
     table = ""
     lines: list[str] = []
     for line in read_examples()["four_electrodes"].splitlines():
+        # headings and keys that are not in use are commented out with # and no blank
         heading = re.match(r"#?(\[+[\w.]+\]+)", line)
         key = re.match(r'#?"?([\w.]+)"? = ', line)
         if heading:
@@ -117,12 +118,12 @@ def read_key_texts() -> Iterator[KeyText]:
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
-    """Parse a TOML text, with limits on its size and its depth.
+    """Parse a TOML text, unless it is too long or has keys of ten or more names.
 
     Parameters
     ----------
     text : str
-        TOML with at most `MAX_BYTES` characters.
+        TOML with at most as many characters as the number `MAX_BYTES`.
     source : str
         Name of the text in error messages.
 
@@ -133,11 +134,13 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     Raises
     ------
     SceneError
-        With the source and, where it is known, the line of the first error.
+        If the text is not a text, is too long, is not TOML, is nested too deeply or has an integer
+        of thousands of digits. Only the first error is described, with its line if it is known.
     """
     if not isinstance(text, str):
         reason = "is not text; give the TOML of a scene file"
         raise SceneError([format_error("text", text, reason)])
+    # a file of MAX_BYTES bytes has at most as many characters, so none of these is refused
     if len(text) > MAX_BYTES:
         reason = f"has {len(text)} characters, more than {MAX_BYTES}; give a shorter text"
         raise SceneError([f"{source}: {reason}"], source)
@@ -151,6 +154,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     except RecursionError:
         raise SceneError([too_deep], source) from None
     except tomllib.TOMLDecodeError as error:
+        # for a repeated heading the message is "Cannot declare ('film', 'patches') twice (at ...)"
         key = ".".join(re.findall(r"'([\w-]+)'", str(error)))
         advice = "correct this line"
         if "Invalid value" in str(error):
@@ -190,6 +194,7 @@ def format_toml(table: Mapping[str, Any]) -> str:
 
 
 def _format_key(name: str) -> str:
+    """Return a key as TOML, in quotes if it has characters that a bare key must not have."""
     return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else format_toml_value(name)
 
 
@@ -199,9 +204,9 @@ def flatten(table: Any, prefix: str = "", *, lists: bool = False) -> Any:
     Parameters
     ----------
     table : mapping or object
-        Nested tables; anything else is returned unchanged.
+        Nested tables. Any other value is returned unchanged.
     prefix : str
-        Text that precedes each key.
+        Text that is put before each key; for recursive calls.
     lists : bool
         Whether to flatten lists of tables, too, with keys such as ``probe[0].x_mm``; otherwise a
         list is a value.
@@ -209,7 +214,7 @@ def flatten(table: Any, prefix: str = "", *, lists: bool = False) -> Any:
     Returns
     -------
     dict or object
-        Values by keys such as ``film.thickness_um``.
+        Values by keys such as ``film.thickness_um``; empty tables have no values.
     """
     if not isinstance(table, Mapping):
         return table
@@ -227,19 +232,19 @@ def flatten(table: Any, prefix: str = "", *, lists: bool = False) -> Any:
 
 
 def parse_change(text: str) -> tuple[str, Any]:
-    """Parse a change of a scene on the command line.
+    """Parse a change of a scene, ``KEY=VALUE``, as it is given on the command line.
 
     Parameters
     ----------
     text : str
-        ``KEY=VALUE``, where the value is TOML or words without quotes.
+        The key, an equals sign, and the value as TOML or as words without quotes.
 
     Returns
     -------
     key : str
-        The key, which is not checked.
+        The key; whether a scene has it is not checked.
     value : object
-        The parsed value.
+        The value that the TOML has, or the words as a text.
 
     Raises
     ------
@@ -264,7 +269,7 @@ def parse_change(text: str) -> tuple[str, Any]:
 
 
 def format_toml_value(value: Any) -> str:
-    """Format a scalar, list or table as TOML in one line."""
+    """Format a text, boolean, number, list or table as TOML in one line."""
     if isinstance(value, str):
         # the escapes of JSON are valid in TOML, and other printable characters need none
         return json.dumps(value, ensure_ascii=False)
@@ -282,12 +287,13 @@ def format_toml_value(value: Any) -> str:
 
 
 def quote(value: Any, depth: int = 0) -> str:
-    """Quote a value in the form of a scene file, in at most 60 characters.
+    """Write a value as in a scene file, in at most 60 characters, for an error message.
 
     Parameters
     ----------
     value : object
-        Any value; tables, long texts and long or deeply nested lists are abbreviated.
+        Any value. Long texts and long or deeply nested lists are shortened, and tables and huge
+        integers are described in words.
     depth : int
         Number of lists around the value; for recursive calls.
 
@@ -345,8 +351,9 @@ def suggest(word: Any, known: Sequence[str]) -> str:
     Returns
     -------
     str
-        A question with the most similar word, or else with the words that add a unit or the like
-        (``d31_pC_N`` for ``d31``); a list of all valid words if there are none of these.
+        A question with the most similar valid word. If there is none, a question with the valid
+        words that begin with the invalid one and an underscore, such as ``d31_pC_N`` for ``d31``.
+        If there are none either, a list of all valid words.
     """
     if isinstance(word, str) and word:
         similar = difflib.get_close_matches(word, known, n=1)

@@ -179,22 +179,23 @@ def _get_response(
     processes: int | None,
     progress: Progress | bool | None,
 ) -> Response:
-    """Return the caller's response if it can be used for a scene, otherwise build one.
+    """Return the caller's response of a scene, or build one if there is none that can be used.
 
     Parameters
     ----------
     scene : Scene
         Scene whose response is needed.
     response : Response or callable, optional
-        See `design`.
+        Response to return if its film deforms in the same way as that of the scene, or a function
+        that is called with the scene and whose result is returned. None: build a response.
     domain : Domain
         Reach and forces of a new response.
     tolerance : float
         Maximum error bound of a new response.
     processes : int, optional
-        See `build_response`.
+        Number of processes of a build, see `build_response`.
     progress : callable or bool, optional
-        See `build_response`.
+        Progress of a build, see `build_response`.
     """
     if callable(response):
         return response(scene)
@@ -214,16 +215,16 @@ def _get_response(
 def _make_dataset(
     study: DesignStudy, columns: DesignColumns, attributes: Mapping[str, Any]
 ) -> xarray.Dataset:
-    """Make the dataset that `design` returns.
+    """Arrange the results of designs over the keys that vary, with statistics over the positions.
 
     Parameters
     ----------
     study : DesignStudy
-        Designs with the keys that vary.
+        Designs with the keys that vary, which become the dimensions.
     columns : DesignColumns
-        Results of the designs.
+        Results of the designs in the order of `study.scenes`.
     attributes : mapping of str to values
-        Attributes of the dataset; those that are None or empty are left out.
+        Additional attributes of the dataset. Those that are None or an empty text are left out.
     """
     import xarray  # slow to import
 
@@ -256,10 +257,10 @@ def _make_dataset(
 
 
 def _add_statistics(data: xarray.Dataset) -> None:
-    """Add statistics over the positions to a dataset of designs, in place.
+    """Add variables with statistics over the positions to a dataset of designs, in place.
 
-    They are the medians and the largest values of the standard deviations, and the fraction of
-    ambiguous positions.
+    These are the medians and the largest values of the standard deviations of position and force,
+    and the fraction of ambiguous positions. Positions without a result are left out of them.
     """
     from pvdf_fem.studies.sweep_dataset import make_attributes
 
@@ -285,13 +286,14 @@ def find_best_design(data: xarray.Dataset, max_ambiguous: float = 0.05) -> xarra
     data : xarray.Dataset
         Result of `design`.
     max_ambiguous : float
-        Maximum fraction of ambiguous positions. If every design has more, those with the smallest
-        fraction are compared.
+        Maximum fraction of ambiguous positions. If every design has a larger fraction, only the
+        designs with the smallest fraction are compared.
 
     Returns
     -------
     xarray.Dataset
-        Values of this design, without the dimensions of the designs.
+        Values of the best design, without the dimensions of the designs. A result with a single
+        design and no such dimensions is returned as it is.
     """
     fractions = data.ambiguous_share
     medians = data.place_deviation_median_mm
@@ -302,7 +304,11 @@ def find_best_design(data: xarray.Dataset, max_ambiguous: float = 0.05) -> xarra
 
 
 def make_table(data: xarray.Dataset) -> pd.DataFrame:
-    """Make a table with a row for each design: its keys, and its statistics over the positions."""
+    """Make a table of a result of `design`, with a row for each design.
+
+    The columns are the keys that vary, and all variables that have a single value per design except
+    the scene.
+    """
     dims = data.scene.dims
     keys = [name for name, values in data.coords.items() if {*values.dims} <= {*dims}]
     values = [name for name, values in data.items() if values.dims == dims and name != "scene"]

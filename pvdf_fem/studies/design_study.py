@@ -33,9 +33,9 @@ class ResponseGroup(NamedTuple):
 class DesignStudy:
     """Scenes of the designs; ``print`` shows the numbers of designs and of responses."""
 
-    grid: SceneGrid
+    grid: SceneGrid  #: Base scene and the keys that vary.
     scenes: Sequence[Scene]  #: Scenes of the designs in the order of the grid.
-    groups: Sequence[ResponseGroup]
+    groups: Sequence[ResponseGroup]  #: Every design is in one of these groups.
     #: Readout keys whose values by electrode are replaced by their defaults, since the designs have
     #: different electrodes.
     dropped: Sequence[str] = ()
@@ -44,7 +44,8 @@ class DesignStudy:
     def from_scene(cls, scene: Scene, vary: Mapping[str, Any]) -> Self:
         """Make the designs with all combinations of the values of some keys.
 
-        The stage of the scene is removed.
+        The stage of the scene is removed. Readout values by electrode are replaced by their
+        defaults if the names of the electrodes vary.
 
         Parameters
         ----------
@@ -87,7 +88,9 @@ class DesignStudy:
     def find_errors(
         self, domain: Domain, step_mm: float, tolerance: float, sigma: float, noise_pC: float | None
     ) -> Iterator[str]:
-        """Find errors of the grid of positions, the noise, the forces and the responses.
+        """Yield error messages about the positions, the noise, the forces and the responses.
+
+        A message may be yielded several times, once for each design.
 
         Parameters
         ----------
@@ -118,7 +121,11 @@ class DesignStudy:
 
 
 def _make_axis_tables(vary: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Make the table of an axis for each key; its name is the last part of the key if unique."""
+    """Make the table of an axis for each key that varies.
+
+    The name of an axis is the last part of its key, or the whole key if another key has the same
+    last part or if it is the name of one of `POSITION_DIMS`.
+    """
     last_parts = {key: key.rpartition(".")[2] for key in vary}
     counts = Counter([*last_parts.values(), *POSITION_DIMS])
     tables = []
@@ -129,22 +136,27 @@ def _make_axis_tables(vary: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _make_grid(scene: Scene, tables: Sequence[Mapping[str, Any]]) -> SceneGrid:
-    """Make the grid of designs; without axes the base scene is the only design."""
+    """Make the grid of designs; without tables of axes the base scene is the only design."""
     return SceneGrid.from_tables(scene, tables) if tables else SceneGrid(scene, ())
 
 
 def _group_scenes(scene: Scene, scenes: Sequence[Scene]) -> list[ResponseGroup]:
-    """Group designs by their mechanical key.
+    """Group designs whose films deform in the same way, that is with equal mechanical keys.
 
-    The response of a group is built for its first design. If the base scene has the same mechanical
-    key, it is built for the base scene, whose response may already be cached.
+    The response of a group is built for its first design. If the base scene has the mechanical key
+    of the group, it is built for the base scene instead, whose response may already be cached.
 
     Parameters
     ----------
     scene : Scene
         Base scene.
     scenes : sequence of Scene
-        Designs.
+        Scenes of the designs.
+
+    Raises
+    ------
+    ValueError
+        If there can be no response of a scene, see `make_mechanical_key`.
     """
     indices_by_key: dict[str, list[int]] = {}
     for index, design in enumerate(scenes):
@@ -160,7 +172,7 @@ def _group_scenes(scene: Scene, scenes: Sequence[Scene]) -> list[ResponseGroup]:
 def _drop_readout_values(
     scene: Scene, tables: Sequence[Mapping[str, Any]]
 ) -> tuple[Scene, Sequence[str]]:
-    """Replace readout values that are stated by electrode, if the names of electrodes vary.
+    """Replace readout values by electrode by their defaults if the names of the electrodes vary.
 
     Parameters
     ----------
@@ -172,9 +184,9 @@ def _drop_readout_values(
     Returns
     -------
     scene : Scene
-        Base scene in which these values are the defaults.
+        Copy of the base scene with the defaults, or the base scene itself if nothing is replaced.
     dropped : sequence of str
-        Keys of these values; empty if nothing is replaced.
+        Readout keys whose values are replaced; empty if nothing is replaced.
     """
     tables_of_keys = set()
     for table in tables:

@@ -25,8 +25,8 @@ class MappingScheme:
     Raises
     ------
     ValueError
-        If the scene has no such electrode or no single probe, the distances do not increase, or a
-        line has no position within the reach.
+        If the scene has no electrode of this name or no single probe, the distances do not
+        increase, or a line has no position within the reach.
     """
 
     scene: Scene  #: Scene with the electrodes and the probe.
@@ -52,7 +52,7 @@ class MappingScheme:
 
     @cached_property
     def centre_mm(self) -> Array:
-        """Centre x, y of the electrode.
+        """Centroid x, y of the electrode in mm.
 
         Returns
         -------
@@ -63,11 +63,12 @@ class MappingScheme:
 
     @property
     def positions_mm(self) -> tuple[Array, ...]:
-        """Positions of the probe on each line.
+        """Positions of the probe on each line that are within the reach.
 
         Returns
         -------
         tuple of ndarray, shape (n, 2)
+            x and y in mm, by increasing distance from the electrode; n may differ between lines.
         """
         lines = []
         for angle in self.angles_deg:
@@ -75,7 +76,7 @@ class MappingScheme:
         return tuple(lines)
 
     def list_distances(self, angle_deg: float) -> Array:
-        """Return the distances, from the electrode's centre, of the positions on a line.
+        """List those of `distances_mm` whose positions on a line are within the reach.
 
         Parameters
         ----------
@@ -85,7 +86,7 @@ class MappingScheme:
         Returns
         -------
         ndarray, shape (n,)
-            Those of `distances_mm` whose positions are within the reach.
+            Distances in mm from the centre of the electrode.
         """
         distances_mm = np.array(self.distances_mm)
         positions_mm = self._compute_positions(angle_deg, distances_mm)
@@ -93,7 +94,9 @@ class MappingScheme:
         return distances_mm[from_film_centre <= self.reach_mm + REACH_ROUNDING_MM]
 
     def _compute_positions(self, angle_deg: float, distances_mm: Array) -> Array:
-        """Compute positions on a line, rounded so that round-off does not make scenes differ.
+        """Compute positions on a line, rounded to 1e-9 mm.
+
+        Without rounding, equal positions on different lines would be different scenes.
 
         Parameters
         ----------
@@ -105,6 +108,7 @@ class MappingScheme:
         Returns
         -------
         ndarray, shape (n, 2)
+            x and y in mm.
         """
         direction = unit_vector(angle_deg)
         return np.round(self.centre_mm + distances_mm[:, None] * direction, 9)

@@ -20,7 +20,7 @@ def find_noise_and_response_errors(
     noise_pC: float | None,
     reading: str | None = None,
 ) -> Iterator[str]:
-    """Find errors of the noise, and reasons why no response of a scene can be built.
+    """Yield error messages about the noise, and reasons why no response of a scene can be built.
 
     Parameters
     ----------

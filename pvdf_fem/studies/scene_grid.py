@@ -33,7 +33,7 @@ class SceneGrid:
     """All combinations of the values of some keys, as changes to a base scene."""
 
     scene: Scene  #: Base scene.
-    axes: tuple[SweepAxis, ...]
+    axes: tuple[SweepAxis, ...]  #: Keys that vary, and their values.
     files: tuple[Path, ...] = ()  #: Sweep file and scene file that the grid is read from.
 
     @classmethod
@@ -111,13 +111,13 @@ class SceneGrid:
     def scenes(self) -> list[Scene]:
         """Return the scenes in the order of an array with this `shape`: the last axis is fastest.
 
-        Equal films, probes and so on of different scenes are the same object, to save memory.
+        To save memory, equal parts of different scenes, such as films, are the same object.
 
         Raises
         ------
         SceneError
             If scenes have errors. The exception lists up to `MAX_ERRORS` distinct errors of the
-            first `MAX_ERRORS` scenes with errors.
+            first `MAX_ERRORS` scenes that have errors.
         """
         shared_parts: dict[Any, Any] = {}
         scenes = []
@@ -140,7 +140,7 @@ class SceneGrid:
         return scenes
 
     def _get_changes(self, indices: Sequence[int]) -> dict[str, Any]:
-        """Return the changes to the base scene, for an index along each axis."""
+        """Return the changes to the base scene as values by key, for an index along each axis."""
         changes: dict[str, Any] = {}
         for axis, index in zip(self.axes, indices, strict=True):
             changes |= axis[index]
@@ -160,7 +160,7 @@ def _read_base_scene(source: Any, folder: Path) -> Scene:
     Raises
     ------
     SceneError
-        If there is no source, or the scene has errors.
+        If the source is neither a path nor a table, or the scene has errors.
     """
     if isinstance(source, str):
         return Scene.from_file(folder / source)
@@ -173,10 +173,10 @@ def _read_base_scene(source: Any, folder: Path) -> Scene:
 
 
 def _change_scene(scene: Scene, changes: Mapping[str, Any]) -> Scene:
-    """Return a copy of the scene with changes.
+    """Return a copy of the scene with changed values, and check that each change has an effect.
 
-    Raises `SceneError` if the changed scene has errors, or if a changed key has no effect because
-    each probe has a value of its own.
+    Raises `SceneError` if the changed scene has errors, or if a changed key of the load has no
+    effect because each probe has a value of its own.
     """
     changed = scene.with_(**changes)
     unused = changed.find_unused_load_keys(find_changed_keys(changes))
@@ -187,7 +187,7 @@ def _change_scene(scene: Scene, changes: Mapping[str, Any]) -> Scene:
 
 
 def _name_changes(error: str, changes: Mapping[str, Any]) -> str:
-    """Append the varied keys and values to an error, unless it is about one of these keys."""
+    """Append the changed keys and values to an error message, unless it begins with such a key."""
     if error.partition(" = ")[0] in changes:
         return error
     values = ", ".join(f"{key} = {quote(value)}" for key, value in changes.items())
@@ -195,14 +195,14 @@ def _name_changes(error: str, changes: Mapping[str, Any]) -> str:
 
 
 def _share_parts(scene: Scene, shared_parts: dict[Any, Any]) -> Scene:
-    """Return an equal scene in which parts that occurred before are the same objects.
+    """Return an equal scene whose parts are the objects of previous scenes if these are equal.
 
     Parameters
     ----------
     scene : Scene
         Scene to copy.
     shared_parts : dict
-        Parts of previous scenes; new parts of this scene are added.
+        Parts of previous scenes by name and value. New parts of this scene are added in place.
     """
     parts = {}
     for name in _SECTIONS:

@@ -73,7 +73,7 @@ class MappingLines(Section):
 class SweepAxis:
     """A dimension of a grid of scenes: keys that vary together."""
 
-    name: str
+    name: str  #: Name of the dimension in the dataset of a sweep.
     values: Mapping[str, tuple[Any, ...]]  #: Values along the axis for each scene key.
     #: Additional coordinates along the axis that are not keys of a scene.
     extra_coordinates: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
@@ -97,9 +97,14 @@ def parse_axes(
         Table of each axis, see `SceneGrid.from_tables`.
     scene : Scene, optional
         Base scene. None if it has errors itself; axes with a ``mapping`` are then left out of the
-        result, so that only errors of the tables can be found.
+        result, which only serves to find errors of the tables.
     source : str
-        Name of the file, for error messages.
+        Name of the sweep file for error messages; empty if there is none.
+
+    Returns
+    -------
+    tuple of SweepAxis
+        An axis for each table, in which ranges are expanded to their numbers.
 
     Raises
     ------
@@ -131,7 +136,7 @@ def parse_axes(
 
 
 def _expand_ranges(axis: SweepAxis) -> SweepAxis:
-    """Return a copy of the axis in which ranges are tuples of their numbers."""
+    """Return a copy of the axis in which each `ValueRange` is replaced by its numbers."""
     values = {key: tuple(along) for key, along in axis.values.items()}
     return SweepAxis(axis.name, values, axis.extra_coordinates)
 
@@ -203,12 +208,12 @@ def _is_netcdf_name(name: Any) -> bool:
 
 
 def _flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Iterate over the dotted keys of nested tables with their lists and ranges of values.
+    """Yield the dotted keys of nested tables, each with the list or range of its values.
 
     Parameters
     ----------
     table : mapping
-        Nested tables. Tables of a range are values.
+        Nested tables. A table with ``start``, ``stop`` or ``count`` is a range, that is a value.
     prefix : str
         Dotted key of the table, followed by a dot.
     """
@@ -249,7 +254,10 @@ def _parse_values(where: str, value: Any, errors: list[str]) -> tuple[Any, ...] 
 def _parse_range(
     where: str, table: Mapping[str, Any], errors: list[str]
 ) -> tuple[Any, ...] | ValueRange:
-    """Parse a table of start, stop and count; see `_parse_values` for the parameters."""
+    """Parse a table with the keys of `ValueRange`, and append errors to a list.
+
+    An empty tuple is returned if there are errors. See `_parse_values` for the parameters.
+    """
     try:
         numbers = ValueRange.model_validate(table)
     except ValidationError as error:
@@ -285,7 +293,8 @@ def _parse_mapping_axis(
     Returns
     -------
     SweepAxis or None
-        None if the table has errors, or without a scene.
+        Axis over the positions of all lines, one line after the other. None if the table has
+        errors or there is no scene.
     """
     try:
         lines = MappingLines.model_validate(table)
@@ -319,7 +328,11 @@ def _parse_mapping_axis(
 
 
 def _find_conflicts(axes: Sequence[SweepAxis]) -> Iterator[str]:
-    """Find conflicts between axes: equal names, equal keys, reserved names, too many scenes."""
+    """Yield an error message for each conflict between axes.
+
+    Conflicts are equal names, equal keys, names that are reserved or the key of another axis, and
+    too many scenes in the grid.
+    """
     names = set[str]()
     keys = set[str]()
     coordinates = set[str]()
@@ -345,28 +358,30 @@ def _find_conflicts(axes: Sequence[SweepAxis]) -> Iterator[str]:
 
 
 def _find_overridden_keys(axes: Sequence[SweepAxis]) -> Iterator[str]:
-    """Find keys that vary together with a table that contains them.
+    """Yield an error message for each key that is also in a table that varies as a whole.
 
-    The value from the table would be overridden by the value of the key.
+    For example, ``film.radius_mm`` and ``film`` may not both vary if a value of ``film`` has a
+    ``radius_mm``, since one of the two radii would be overridden.
     """
-    tables: dict[tuple[Any, ...], tuple[Any, ...]] = {}
+    values_by_path: dict[tuple[Any, ...], tuple[Any, ...]] = {}
     for axis in axes:
         for key, values in axis.values.items():
-            tables[parse_key(key)] = values
+            values_by_path[parse_key(key)] = values
     for index, axis in enumerate(axes):
         for key in axis.values:
-            steps = parse_key(key)
-            for depth in range(1, len(steps)):
-                varied = tables.get(steps[:depth], ())
-                if any(_has_value(value, steps[depth:]) for value in varied):
+            path = parse_key(key)
+            for depth in range(1, len(path)):
+                tables = values_by_path.get(path[:depth], ())
+                if any(_has_value(table, path[depth:]) for table in tables):
                     reason = "a table that varies contains this key; remove it from one of them"
                     yield format_error(f"axes[{index}]", key, reason)
 
 
-def _has_value(value: Any, steps: Sequence[Any]) -> bool:
+def _has_value(table: Any, path: Sequence[Any]) -> bool:
     """Return whether nested tables and lists have a value at a path of keys and indices."""
+    value = table
     try:
-        for step in steps:
+        for step in path:
             value = value[step]
     except (LookupError, TypeError):
         return False

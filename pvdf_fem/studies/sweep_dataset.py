@@ -36,17 +36,20 @@ _CHARGE_VARIABLES = {
 
 
 class SweepColumns:
-    """Results of the distinct scenes of a sweep as arrays, NaN where there is no result."""
+    """Results of the distinct scenes of a sweep as arrays.
+
+    Numbers without a result are NaN, and statuses without a result are empty.
+    """
 
     def __init__(self, scenes: Sequence[Scene], electrodes: Sequence[str]) -> None:
-        """Make arrays without results.
+        """Make arrays for the results, all of which are still missing.
 
         Parameters
         ----------
         scenes : sequence of Scene
             Distinct scenes of the sweep.
         electrodes : sequence of str
-            Names of the electrodes of all scenes.
+            Distinct names of the electrodes of all scenes; each has a column of the arrays.
         """
         self.scenes = scenes
         self.column_of = {name: column for column, name in enumerate(electrodes)}
@@ -62,12 +65,15 @@ class SweepColumns:
     def store_record(self, index: int, record: Record) -> None:
         """Store the results of a scene in the arrays.
 
+        The deflection is stored only if the solve converged, the readings only if the scene has a
+        readout.
+
         Parameters
         ----------
         index : int
-            Index of the scene.
+            Index of the scene in `scenes`.
         record : Record
-            Result of its solve.
+            Result of the solve of this scene.
         """
         scene = self.scenes[index]
         columns = [self.column_of[electrode.name] for electrode in scene.electrode_list]
@@ -87,11 +93,13 @@ class SweepColumns:
             self.readings_V[index, columns] = compute_readings_V(scene, charges_pC, changes_pC)
 
     def get_charge_columns(self) -> dict[str, Array]:
-        """Return the charges by the variable of the dataset.
+        """Return the charges and their errors, by the name of the variable in the dataset.
 
         Returns
         -------
         dict of str to ndarray, shape (scenes, electrodes)
+            Values in pC. A change is the difference between the total charge and the charge of the
+            unloaded film, its error the sum of their errors.
         """
         return {
             "charge_pC": self.charges_pC,
@@ -136,7 +144,7 @@ def make_sweep_dataset(
     by_electrode = [*dims, "electrode"]
 
     def arrange(values: Any) -> Any:
-        """Arrange values, whose first axis is that of the distinct scenes, over the grid."""
+        """Arrange values over the grid; their first axis is that of the distinct scenes."""
         return values[plan.first].reshape(*grid.shape, *values.shape[1:])
 
     variables: dict[str, Any] = {}
@@ -178,8 +186,9 @@ def _list_electrodes(scenes: Sequence[Scene]) -> list[str]:
 def make_coordinates(grid: SceneGrid) -> dict[str, Any]:
     """Make the coordinates of a dataset along the axes of a grid, with their attributes.
 
-    A coordinate has the name of its axis if the axis has a single key. Otherwise its name is the
-    last part of its key, or the whole key if another coordinate or axis has the same last part.
+    There is a coordinate for each key that varies. It has the name of its axis if the axis has a
+    single key. Otherwise its name is the last part of its key, or the whole key if the last part is
+    also that of another key or the name of an axis. The extra coordinates of axes are added.
     """
     name_counts = Counter(axis.name for axis in grid.axes)
     for axis in grid.axes:
@@ -204,7 +213,10 @@ def _get_last_part(key: str) -> str:
 
 
 def _make_labels(values: Sequence[Any]) -> list[Any]:
-    """Convert the values of a coordinate to floats if all are numbers, otherwise to texts."""
+    """Convert the values of a coordinate to floats if all are numbers, otherwise to texts.
+
+    Values that are not texts are then converted to JSON.
+    """
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return [float(value) for value in values]
     labels = []
@@ -215,13 +227,13 @@ def _make_labels(values: Sequence[Any]) -> list[Any]:
 
 
 def describe_key(key: str) -> dict[str, str]:
-    """Make the CF attributes of a key, such as ``film thickness`` in um for `film.thickness_um`."""
+    """Make the CF attributes of a key: its words as the long name, and its unit in ASCII signs."""
     words, unit = split_unit(key)
     return make_attributes(words, unit.translate(_ASCII_SIGNS))
 
 
 def make_attributes(long_name: str, unit: str = "") -> dict[str, str]:
-    """Make the CF attributes of a variable from its description and its unit."""
+    """Make the CF attributes of a variable; an empty unit is left out."""
     if not unit:
         return {"long_name": long_name}
     return {"long_name": long_name, "units": unit}

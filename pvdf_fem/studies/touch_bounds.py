@@ -17,7 +17,7 @@ from pvdf_fem.surrogate.touch_domain import TouchColumn, extract_touch
 
 
 class TouchBound(NamedTuple):
-    """Cramér-Rao bound of a touch; NaN if the touch is not among the located ones."""
+    """Cramér-Rao bound of a touch; all values are NaN if `locate` does not find the touch."""
 
     place_deviation_mm: float = math.nan  #: Standard deviation of the position.
     force_deviation: float = math.nan  #: Standard deviation of the force, relative to the force.
@@ -33,7 +33,7 @@ MAPS = {
 
 
 class PositionGrid:
-    """A square grid of positions about the film's centre, of which those in the reach are assessed.
+    """A square grid of positions about the film's centre; only those in the reach are assessed.
 
     Parameters
     ----------
@@ -50,18 +50,18 @@ class PositionGrid:
         #: Mask of the positions within the reach, shape (y, x).
         self.is_inside: Mask = np.hypot(x_mm, y_mm) <= reach_mm
         #: Positions within the reach, shape (n, 2).
-        self.places_mm: Array = np.column_stack([x_mm[self.is_inside], y_mm[self.is_inside]])
+        self.positions_mm: Array = np.column_stack([x_mm[self.is_inside], y_mm[self.is_inside]])
 
 
 class DesignColumns:
-    """Results of designs as arrays.
+    """Cramér-Rao bounds at all positions, and error bounds of the responses, for several designs.
 
     Parameters
     ----------
     count : int
         Number of designs.
     grid : PositionGrid
-        Positions at which they are assessed.
+        Positions at which the designs are assessed.
     """
 
     def __init__(self, count: int, grid: PositionGrid) -> None:
@@ -74,12 +74,12 @@ class DesignColumns:
     def assess_design(
         self, index: int, response: Response, sigma: float, noise_pC: float | None
     ) -> None:
-        """Assess a design at all positions within the reach, and store the results.
+        """Compute the bounds of a design at all positions within the reach, and store them.
 
         Parameters
         ----------
         index : int
-            Index of the design.
+            Index of the design along the first axis of the arrays.
         response : Response
             Response of the design.
         sigma : float
@@ -87,24 +87,25 @@ class DesignColumns:
         noise_pC : float, optional
             Absolute standard deviation of the readings in pC. None: that of the readout.
         """
-        bounds = compute_bounds(response, self.grid.places_mm, sigma, noise_pC)
+        bounds = compute_bounds(response, self.grid.positions_mm, sigma, noise_pC)
         for name, values in self.maps.items():
             values[index, self.grid.is_inside] = [getattr(bound, name) for bound in bounds]
         self.response_error_bounds[index] = response.error_bound
 
 
 def compute_bounds(
-    response: Response, places_mm: Array, sigma: float, noise_pC: float | None
+    response: Response, positions_mm: Array, sigma: float, noise_pC: float | None
 ) -> list[TouchBound]:
     """Compute the Cramér-Rao bounds of touches at several positions.
 
-    The noise-free charges of each touch are located. Rotation and force are those of the scene.
+    The noise-free charges of a touch at each position are located. Rotation and force of the
+    touches are those of the scene of the response.
 
     Parameters
     ----------
     response : Response
         Response of the design. Its error bound is ignored.
-    places_mm : ndarray, shape (n, 2)
+    positions_mm : ndarray, shape (n, 2)
         Positions of the probe.
     sigma : float
         Relative standard deviation of the readings.
@@ -113,8 +114,8 @@ def compute_bounds(
     """
     exact = replace(response, error_bound=0.0)
     touch = list(extract_touch(response.scene).values())
-    touches = np.tile(touch, (len(places_mm), 1))
-    touches[:, : TouchColumn.ROTATION] = places_mm
+    touches = np.tile(touch, (len(positions_mm), 1))
+    touches[:, : TouchColumn.ROTATION] = positions_mm
     measurement = Measurement.from_response(exact, exact.names, sigma, noise_pC, None)
     readings = measurement.to_readings(exact.evaluate(touches)[0])
     bounds = []
@@ -131,9 +132,10 @@ def _extract_bound(location: Location, touch: Array) -> TouchBound:
     Parameters
     ----------
     location : Location
-        Located touches.
+        Touches that are found from the charges of the true touch.
     touch : ndarray, shape (4,)
-        True touch. The bound is NaN unless a located touch is within its standard deviation.
+        True touch. The bound is NaN unless the position of the nearest located touch is closer to
+        that of the true touch than the standard deviation of the position.
     """
     if not location.touches:
         return TouchBound()

@@ -1,7 +1,8 @@
 """A dataset for machine learning: random touches of a sensor with charges and noisy readings.
 
 Positions, rotations and logarithms of the force are uniformly distributed over the domain of the
-response. Readings are in nominal pC, as `locate` expects them.
+response. Readings are in nominal pC, as `locate` expects them: in V times the nominal capacitance
+of the channel in pF, that is before the correction of gain and offset.
 """
 
 from __future__ import annotations
@@ -77,13 +78,14 @@ def dataset(
         Standard deviation of a reading, relative to the total charge or to the change of the
         charge, whichever the readings measure.
     noise_pC : float, optional
-        Absolute standard deviation of a reading in nominal pC. Default: the ``noise_V`` of the
-        scene's ``[readout]``.
+        Absolute standard deviation of a reading in nominal pC, which are V times the nominal
+        capacitance of the channel in pF. Default: the ``noise_V`` of the scene's ``[readout]``.
     reading : {"change", "total"}, optional
         Whether the readings are the changes of the charges due to the touch, or total charges.
         Default: the value of the scene's ``[readout]``, ``total`` without one.
     response : Response, optional
-        Response of a scene whose film deforms in the same way. Default: None, build one.
+        Response of a scene whose film deforms in the same way; its domain replaces that of the
+        scene's ``[model]``. Default: None, build one.
     processes : int, optional
         Number of processes that build the response. Default: None, one for each core.
     progress : callable or bool, optional
@@ -159,22 +161,22 @@ def find_request_errors(
     noise_pC: float | None = None,
     reading: str | None = None,
 ) -> Iterator[str]:
-    """Find errors of the arguments of `dataset`.
+    """Yield an error message for each invalid argument of `dataset`.
 
     Parameters
     ----------
     scene : Scene
-        See `dataset`.
+        Scene of the sensor, of which it must be possible to build a response.
     touches : int
-        See `dataset`.
+        Number of touches.
     seed : int
-        See `dataset`.
+        Seed of the random numbers.
     sigma : float
-        See `dataset`.
+        Relative standard deviation of a reading.
     noise_pC : float, optional
-        See `dataset`.
+        Absolute standard deviation of a reading. None: that of the readout.
     reading : {"change", "total"}, optional
-        See `dataset`.
+        Meaning of the readings. None: that of the readout.
     """
     if not isinstance(touches, int) or not 1 <= touches <= MAX_TOUCHES:
         yield f"touches = {touches}: give a whole number from 1 to {MAX_TOUCHES}"
@@ -190,14 +192,14 @@ def _move_to_stage(response: Response, touches: Array) -> Array:
     Parameters
     ----------
     response : Response
-        Response with the scene and the period of the probe's rotation.
+        Response whose scene has the stage and the probe. Without a stage the frames are the same.
     touches : ndarray, shape (n, 4)
-        Touches on the film.
+        Rows of x and y in mm, rotation in degrees and force in N, in the frame of the film.
 
     Returns
     -------
     ndarray, shape (n, 4)
-        Touches on the stage, with rotations from 0 to the period.
+        The same in the frame of the stage; the rotations are from 0 to the probe's period.
     """
     stage = response.scene.stage or Stage()
     moved = touches.copy()
@@ -215,18 +217,19 @@ def _make_dataset(
     by_electrode: Mapping[str, Array],
     attributes: Mapping[str, Any],
 ) -> xarray.Dataset:
-    """Make the dataset of touches and their readings.
+    """Combine touches and their charges and readings to a dataset with CF attributes.
 
     Parameters
     ----------
     response : Response
         Response with the scene and the names of the electrodes.
     touches : ndarray, shape (n, 4)
-        Touches on the stage.
+        Rows of x and y in mm, rotation in degrees and force in N, in the frame of the scene's
+        stage.
     by_electrode : mapping of str to ndarray, shape (n, electrodes)
-        Variables over touches and electrodes.
+        Values in pC of each of `ELECTRODE_VARIABLES`.
     attributes : mapping of str to values
-        Additional attributes of the dataset.
+        Further attributes of the dataset, such as the seed.
     """
     import xarray  # slow to import
 
@@ -272,7 +275,7 @@ def make_table(data: xarray.Dataset) -> pd.DataFrame:
 def write_dataset(data: xarray.Dataset, path: Path) -> None:
     """Write a dataset of touches to a file, in the format of its extension.
 
-    Attributes are kept in all formats. In Parquet they are metadata, which
+    Every format also stores the attributes. In Parquet they are metadata, which
     ``pandas.read_parquet(path).attrs`` returns; in CSV they are ``#`` comments before the header.
 
     Parameters
@@ -280,7 +283,7 @@ def write_dataset(data: xarray.Dataset, path: Path) -> None:
     data : xarray.Dataset
         Dataset of touches from `dataset`.
     path : Path
-        Path with an extension in `FORMATS`. Parquet requires pyarrow.
+        Path with an extension in `FORMATS`; an existing file is replaced. Parquet requires pyarrow.
     """
     from pvdf_fem.studies.sweep_dataset import write_netcdf
 

@@ -27,7 +27,7 @@ class ChargeFunction(Hashable, Protocol):
 
     @property
     def quantity_names(self) -> tuple[str, ...]:
-        """Names of the quantities in a row of touches, in the order of its columns.
+        """Names of the k columns of the array `touches` that `evaluate` accepts, in their order.
 
         For a single probe these are `TOUCH_QUANTITIES`. For several probes each name is a key, such
         as ``probe[1].x_mm``: four keys per probe, followed by the keys of further quantities.
@@ -58,7 +58,7 @@ class ChargeFunction(Hashable, Protocol):
 
     @property
     def unloaded_charges_pC(self) -> UnloadedCharges | None:
-        """Charges of the unloaded film with their errors; None if they are not known."""
+        """Charges of the unloaded film and their estimated errors; None if they are not known."""
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
         """Evaluate the charges of touches and their derivatives.
@@ -66,7 +66,7 @@ class ChargeFunction(Hashable, Protocol):
         Parameters
         ----------
         touches : ndarray, shape (n, k)
-            Touches as rows of the k quantities.
+            A row for each touch, with the k quantities in the order of `quantity_names`.
 
         Returns
         -------
@@ -84,18 +84,21 @@ def count_probes(response: ChargeFunction) -> int:
 
 
 def find_rotation_period_deg(response: ChargeFunction) -> float:
-    """Return the rotation in degrees that maps the first probe onto itself; 360 for a disc."""
+    """Return the smallest rotation in degrees that maps the first probe onto itself.
+
+    It is 360 for a disc, and for a scene without a probe.
+    """
     return float(find_rotation_periods_deg(response)[0])
 
 
 @lru_cache(maxsize=8)
 def find_rotation_periods_deg(response: ChargeFunction) -> Array:
-    """Return the rotation in degrees that maps each probe onto itself; 360 for a disc.
+    """Return the smallest rotation in degrees that maps each probe onto itself.
 
     Returns
     -------
     ndarray, shape (probes,)
-        One period of 360 degrees for a scene without a probe.
+        Rotations in degrees, 360 for a disc. A scene without a probe has a single value, 360.
     """
     periods_deg = [load.probe.period_deg for load in response.scene.loaded_probes]
     if not periods_deg:
@@ -105,7 +108,10 @@ def find_rotation_periods_deg(response: ChargeFunction) -> Array:
 
 @lru_cache(maxsize=8)
 def is_rotation_dependent(response: ChargeFunction) -> bool:
-    """Return whether the charges depend on the rotation of a probe; not if all are discs."""
+    """Return whether the charges may depend on the rotation of a probe.
+
+    True if a probe is not a disc, or if the scene of the response has no probe.
+    """
     loads = response.scene.loaded_probes
     return not loads or any(load.probe.period_deg > 0.0 for load in loads)
 
@@ -118,8 +124,8 @@ def compute_unloaded_charges_pC(scene: Scene, reading: str = "total") -> Array:
     scene : Scene
         Scene with the film and the electrodes; the probe has no effect.
     reading : {"total", "change"}, optional
-        Meaning of the readings that the charges are for. Only for ``change`` is it an error if
-        there are no unloaded charges.
+        Meaning of the readings that the charges are for. Readings of the ``change`` require the
+        unloaded charges; for ``total`` they may be missing.
 
     Returns
     -------

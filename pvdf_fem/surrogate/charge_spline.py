@@ -21,7 +21,10 @@ FORCE_EXPONENT = 1.0 / 6.0
 
 
 def compute_force_nodes_N(domain: Domain, count: int) -> Array:
-    """Return the Chebyshev points in F^(1/6) of a domain's forces, in descending order."""
+    """Compute a number of forces in N, in descending order, at which charges are interpolated.
+
+    They are the Chebyshev points in F^(1/6) between the minimum and the maximum force F.
+    """
     lowest, highest = domain.force_N
     low, high = lowest**FORCE_EXPONENT, highest**FORCE_EXPONENT
     points = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
@@ -38,7 +41,7 @@ def evaluate_force_powers(domain: Domain, force_N: Array, count: int) -> Array:
     force_N : ndarray, shape (n,)
         Forces F.
     count : int
-        Number of powers 1, t, t², ...
+        Number of powers 1, t, t², ... of the scaled force t.
 
     Returns
     -------
@@ -51,26 +54,28 @@ def evaluate_force_powers(domain: Domain, force_N: Array, count: int) -> Array:
     """
     lowest, highest = domain.force_N
     low, high = lowest**FORCE_EXPONENT, highest**FORCE_EXPONENT
-    scaled = 2.0 / (high - low) * force_N**FORCE_EXPONENT
-    rate = FORCE_EXPONENT * scaled / force_N
+    not_shifted = 2.0 / (high - low) * force_N**FORCE_EXPONENT
+    t = not_shifted - (low + high) / (high - low)
+    dt_dF = FORCE_EXPONENT * not_shifted / force_N
     powers = np.empty((len(force_N), 2, count))
-    powers[:, 0] = np.vander(scaled - (low + high) / (high - low), count, increasing=True)
+    powers[:, 0] = np.vander(t, count, increasing=True)
+    # The derivative of t^k with respect to the force is k t^(k-1) dt/dF.
     powers[:, 1, 0] = 0.0
-    powers[:, 1, 1:] = np.arange(1, count) * rate[:, None] * powers[:, 0, :-1]
+    powers[:, 1, 1:] = np.arange(1, count) * dt_dF[:, None] * powers[:, 0, :-1]
     return powers
 
 
 def estimate_pressed_outline(scene: Scene, force_N: float) -> Outline:
-    """Estimate the outline of the loaded area with the probe at the film's centre.
+    """Estimate the outline of the area that a probe loads if it is moved to the film's centre.
 
-    It is the outline of the probe, or the estimated outline of the contact of a tip.
+    This is the outline of the probe itself, or for a tip the estimated outline of its contact.
 
     Parameters
     ----------
     scene : Scene
         Scene with a single probe.
     force_N : float
-        Force, on which the contact of a tip depends.
+        Force, on which the contact of a tip depends. It has no effect for other probes.
     """
     from pvdf_fem.film.loads.contact_estimate import estimate_pressed_area  # imports scikit-fem
 
@@ -88,12 +93,13 @@ def make_axes(
     scene : Scene
         Scene with a single probe.
     domain : Domain
-        Touches for which the response is valid. The axes extend beyond it by a padding.
+        Touches for which the response is valid. The axes of x and y extend beyond its reach by at
+        least `PADDING_STEPS` steps.
     cell_mm : float
         Step of x and y.
     rotation_step : float
         Maximum distance that the corners of the probe move between neighbouring rotations, divided
-        by `cell_mm`. The axis of a disc has a single rotation.
+        by `cell_mm`. There are at least 4 rotations, except that a disc has a single one.
 
     Returns
     -------
@@ -119,7 +125,7 @@ def tabulate_charges(
     axes: tuple[UniformAxis, ...],
     runner: TaskRunner,
 ) -> UniformSpline:
-    """Compute the charges of the electrodes at all nodes of a grid, and interpolate them.
+    """Compute the charges of the electrodes at all nodes of a grid, and fit a spline to them.
 
     Parameters
     ----------
@@ -132,13 +138,13 @@ def tabulate_charges(
     axes : tuple of UniformAxis
         Axes of x, y and rotation from `make_axes`.
     runner : TaskRunner
-        Runner of one task for each rotation, on several processes.
+        Runner that computes the charges of each rotation as a task, on several processes.
 
     Returns
     -------
     UniformSpline
-        Spline of the coefficients in pC of the powers of `evaluate_force_powers`, ordered by power,
-        then by electrode.
+        Spline over x, y and rotation. Its functions are the coefficients in pC of the powers of
+        `evaluate_force_powers`, ordered by power, then by electrode.
     """
     x_mm, y_mm, rotations_deg = (axis.values for axis in axes)
     positions_mm = np.stack(np.meshgrid(x_mm, y_mm, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -153,7 +159,8 @@ def tabulate_charges(
     count = by_force.shape[2]
     forces_N = compute_force_nodes_N(domain, count)
     powers = evaluate_force_powers(domain, forces_N, count)[:, 0]
-    # The polynomial through the values at the nodes: its coefficients replace the forces.
+    # The polynomial in the force through the charges at all forces: convert the charges by force
+    # to its coefficients by power.
     by_power = np.einsum("kf,prfe->prke", np.linalg.inv(powers), by_force)
     values = by_power.reshape(len(x_mm), len(y_mm), len(rotations_deg), -1)
     return UniformSpline.interpolate(axes, values, np.float32)

@@ -25,8 +25,8 @@ from pvdf_fem.surrogate.charge_function import UnloadedCharges, compute_unloaded
 from pvdf_fem.surrogate.charge_spline import evaluate_force_powers, tabulate_charges
 from pvdf_fem.surrogate.response_file import FileScene, read_response, write_response
 from pvdf_fem.surrogate.response_key import (
+    gives_same_charges,
     has_equal_electrodes,
-    has_same_readout,
     require_same_mechanics,
 )
 from pvdf_fem.surrogate.stress.stress_modes import StressModes
@@ -78,7 +78,8 @@ class Response(Result):
     stress_modes: StressModes | None = None
     #: Full solves with which the error was measured.
     validation: ValidationSolves | None = None
-    #: Charges of the unloaded film and their errors in pC; None without an unloaded equilibrium.
+    #: Charges of the unloaded film and their errors in pC; None if they are not finite, without an
+    #: unloaded equilibrium, or not computed.
     unloaded_charges_pC: UnloadedCharges | None = None
 
     def summary(self) -> Summary:
@@ -126,7 +127,7 @@ class Response(Result):
         Raises
         ------
         ValueError
-            If a touch is outside of the domain.
+            If a touch is outside of the domain or not finite.
         """
         touches = coerce_array("touches", touches).reshape(-1, len(TOUCH_QUANTITIES))
         require_within(self.domain, touches)
@@ -161,34 +162,37 @@ class Response(Result):
         processes : int, optional
             Number of processes. Default: None, one for each core.
         check : bool, optional
-            Whether to measure the error bound of the new response. If not, nothing is solved, the
-            bound is that of this response, and `validation` and `unloaded_charges_pC` are None.
+            Whether to measure the error bound of the new response. If not, nothing is solved. If
+            the charges differ, the new response then has the bound of this response, and its
+            `validation` and `unloaded_charges_pC` are None.
         progress : callable or bool, optional
             See `build_response`.
 
         Returns
         -------
         Response
-            Response of the other scene. Only the scene is replaced if the charges are the same.
+            Response of the other scene. If its charges are the same, it is a copy of this response
+            in which only `scene` is replaced.
 
         Raises
         ------
         ValueError
-            If the film of the scene deforms differently, or if this response has no `stress_modes`
-            or `validation`.
+            If the film of the scene deforms differently, or if the charges differ and this response
+            has no `stress_modes` or no `validation`.
         NotConvergedError
-            If more than half of the random touches cannot be solved.
+            If the random touches are solved again, and more than half of them cannot be solved.
 
         Notes
         -----
-        A new spline is computed from `stress_modes`, which takes seconds. If the electrodes are the
-        same, its error is measured with the existing validation solves. The touches are solved
-        again for other electrodes, and if this error bound exceeds the tolerance, since the meshes
-        of the existing solves may be too coarse for the new d31 and d32.
+        If the charges differ, a new spline is computed from `stress_modes`, which takes seconds. If
+        the electrodes are the same, the error of the spline is measured with the existing
+        validation solves. The touches are solved again for other electrodes, and if this error
+        bound exceeds the tolerance, since the meshes of the existing solves may be too coarse for
+        the new d31 and d32.
         """
         require_same_mechanics(self.scene, scene)
         response = replace(self, scene=scene)
-        if has_same_readout(self.scene, scene):
+        if gives_same_charges(self.scene, scene):
             return response
         if self.stress_modes is None or self.validation is None:
             raise ValueError("response: has no stress about the probe; build it again")
@@ -212,13 +216,15 @@ class Response(Result):
     def with_measured_error(self, safety: float = 5.0) -> Response:
         """Return a copy with updated error bound, notes and charges of the unloaded film.
 
-        The bound is measured with the validation solves. The notes say what would help if it
-        exceeds the tolerance. For the unloaded charges the unloaded film is solved.
+        The bound is measured with the solves in `validation`, which must not be None. If it exceeds
+        the tolerance, a note says what would help; otherwise there are no notes. The unloaded film
+        is solved for its charges.
 
         Parameters
         ----------
         safety : float, optional
-            Safety factor of the largest error at the random touches.
+            Factor on the largest error at the random touches, since errors between them may be
+            larger.
 
         Notes
         -----
@@ -276,7 +282,7 @@ class Response(Result):
         Raises
         ------
         ValueError
-            If the response has no such electrode, or the force is outside of the domain.
+            If the response has no electrode of this name, or the force is outside of the domain.
         """
         from pvdf_fem.view.touch_map import draw_charge_map
 
@@ -331,7 +337,10 @@ class Response(Result):
 
 
 def _compute_finite_unloaded_charges(scene: Scene) -> UnloadedCharges | None:
-    """Compute the charges of the unloaded film and their errors; None without an equilibrium."""
+    """Compute the charges of the unloaded film and their errors, or None unless all are finite.
+
+    They are NaN if the film has no unloaded equilibrium.
+    """
     charges_pC, errors_pC = compute_unloaded_charges_pC(scene)
     if not (np.isfinite(charges_pC).all() and np.isfinite(errors_pC).all()):
         return None

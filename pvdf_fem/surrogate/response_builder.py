@@ -47,13 +47,14 @@ def build_response(
         Scene with the film, the electrodes and a single probe.
     reach_mm : float, optional
         Reach: maximum distance of a touch from the film's centre. Default: that of the scene's
-        ``[model]``, or one that keeps the probe away from the rim.
+        ``[model]``, or a reach at which the probe is at least its own width from the rim; see
+        `choose_default_reach_mm`.
     force_range_N : tuple of float, optional
         Minimum and maximum force. Default: the ``force_range_N`` of the scene's ``[model]``.
     tolerance : float, optional
-        Maximum error bound. Default: that of the scene's ``[model]``, or a tenth of a relative
-        noise of 1 %. If the tolerance is not met, the response is returned with its true bound, and
-        its `notes` say what would help.
+        Maximum error bound. Default: that of the scene's ``[model]``, or 1e-3, which is a tenth of
+        a relative noise of 1 %. If the tolerance is not met, the response is returned with its
+        measured bound, and its `notes` say what would help.
     processes : int, optional
         Number of processes. Default: None, one for each core.
     file : path, optional
@@ -73,9 +74,10 @@ def build_response(
     Raises
     ------
     ValueError
-        If there is no response for the scene, the domain or the tolerance.
+        If no response can be built for the scene, the domain or the tolerance; the message has a
+        line for each error.
     FileError
-        If the file cannot be written.
+        If the file cannot be written, which is also tested before the build.
     NotConvergedError
         If a solve of the stress about the probe does not converge, or more than half of the full
         solves that measure the error.
@@ -116,8 +118,8 @@ def build_response(
 class _BuildResults:
     """Results of the tasks of one build."""
 
-    stress_modes: StressModes
-    #: Results of the additional tasks.
+    stress_modes: StressModes  #: Stress about the probe at all positions and forces.
+    #: Results of the additional tasks `solve_tasks`, in their order.
     solves: Sequence[Any]
 
 
@@ -128,7 +130,7 @@ def _build_within_tolerance(
     options: ResponseOptions,
     runner: TaskRunner,
 ) -> Response:
-    """Build responses with increasing resolution until one meets the tolerance.
+    """Build up to `max_builds` responses with increasing resolution until one meets the tolerance.
 
     Parameters
     ----------
@@ -139,14 +141,15 @@ def _build_within_tolerance(
     tolerance : float
         Maximum error bound.
     options : ResponseOptions
-        Resolution of the first build, and the maximum number of builds.
+        Resolution of the first build, maximum number of builds, and number of random touches.
     runner : TaskRunner
         Runner of the tasks on several processes.
 
     Returns
     -------
     Response
-        First response that meets the tolerance; if none does, the one with the smallest bound.
+        First response that meets the tolerance; if none does, the one with the smallest bound. Its
+        notes say how many of the random touches could not be solved, if any.
     """
     touches = draw_touches(domain, options.validation_touches)
     # The full solves do not depend on the options, so that they are part of the first build only.
@@ -175,6 +178,7 @@ def _build_within_tolerance(
             best = response
         if best.status is Status.CONVERGED:
             break
+        # The bound is about proportional to the error that the resolution is chosen for.
         ratio = max(2.0, 1.5 * response.error_bound / tolerance)
         options = replace(options, error=options.error / ratio)
     assert best is not None
@@ -199,11 +203,11 @@ def _solve_stress_modes(
     Parameters
     ----------
     scene : Scene
-        Scene with a single probe.
+        Scene with a single probe, whose electrodes and position have no effect on the stress.
     domain : Domain
         Touches for which the response is valid.
     tolerance : float
-        Maximum error bound of the response.
+        Maximum error bound of the response, which limits the tolerance of the contact under a tip.
     options : ResponseOptions
         Resolution of the response.
     solve_tasks : sequence of tuple
@@ -214,7 +218,7 @@ def _solve_stress_modes(
     centre_grid = options.make_centre_grid(scene, domain)
     polar_grid = options.make_polar_grid(scene, domain, centre_grid)
     forces_N = options.compute_forces_N(domain)
-    bare_scene = _replace_electrodes(scene, tolerance)
+    bare_scene = _simplify_scene(scene, tolerance)
 
     def make_task(position: Array) -> tuple[Any, ...]:
         """Make the task that solves the stress with the probe at one position."""
@@ -231,8 +235,12 @@ def _solve_stress_modes(
     return _BuildResults(stress_modes, solves)
 
 
-def _replace_electrodes(scene: Scene, tolerance: float) -> Scene:
-    """Return a copy of the scene for solves of the stress, on which electrodes have no effect."""
+def _simplify_scene(scene: Scene, tolerance: float) -> Scene:
+    """Return a copy of the scene without anything that has no effect on the stress.
+
+    Its electrode is a single large circle, it has no readout, its probe is at the centre without
+    rotation, and its ``numerics.tolerance`` is `tolerance`, but at most 1e-2.
+    """
     # A scene must have an electrode; a large circle hardly refines the mesh.
     radius_mm = 0.9 * scene.film.radius_mm
     electrode = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": radius_mm}

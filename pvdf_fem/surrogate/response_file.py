@@ -26,7 +26,7 @@ SavedType = TypeVar("SavedType")
 
 
 def _find_array(number: int, info: ValidationInfo) -> NDArray[Any]:
-    """Return the array with a given index of the archive that is being read."""
+    """Return the array with a given index from the archive, which is the context of the parser."""
     assert info.context is not None
     return info.context[f"arr_{number}"]
 
@@ -42,7 +42,7 @@ class ResponseError(FileError):
 
 
 def write_response(path: Path, response: Any) -> None:
-    """Write a response to a file.
+    """Write the fields of a response to a file, as JSON and arrays behind a header with a digest.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def write_response(path: Path, response: Any) -> None:
     arrays: list[NDArray[Any]] = []
 
     def to_json(value: Any) -> Any:
-        """Convert a value that JSON does not know; collect it in `arrays` if it is an array."""
+        """Convert a value that JSON does not know; an array is appended to `arrays`."""
         if isinstance(value, Scene):
             return value.to_toml()
         if isinstance(value, np.ndarray):
@@ -82,17 +82,19 @@ def _make_header(content: bytes) -> bytes:
 
 
 def read_response(path: Path, kind: type[SavedType]) -> SavedType:
-    """Read a response from a file.
+    """Read a response from a file that `write_response` has written, and check its digest.
 
     Parameters
     ----------
     path : Path
         Path of the file.
     kind : type
-        Dataclass to make from the file; the one that was written.
+        Dataclass of the response; it must be the one that was written.
 
     Raises
     ------
+    FileError
+        If the file cannot be read.
     ResponseError
         If the file is damaged, or is not a response of this version.
     """

@@ -17,7 +17,8 @@ from pvdf_fem.surrogate.touch_domain import Domain, centre_probe
 def make_mechanical_key(scene: Scene) -> str:
     """Make a text that describes everything that the stress about the probe of a scene depends on.
 
-    Position and force of the probe are not part of it, since they are variables of a response.
+    Position, rotation and force of the probe are not part of it, since they are variables of a
+    response, nor are the numerics except the observable.
 
     Raises
     ------
@@ -43,10 +44,10 @@ def make_mechanical_key(scene: Scene) -> str:
 
 
 def make_response_key(scene: Scene, domain: Domain, tolerance: float) -> str:
-    """Make a hash of everything that a response is built from, including the source code.
+    """Make a hash of the source code, the mechanical key of a scene, the domain and the tolerance.
 
     It names files in a cache, so that an outdated response is never loaded. Electrodes, d31, d32,
-    readout and the probe's position are not part of it, see `Response.for_scene`.
+    readout, and the probe's position and force are not part of it, see `Response.for_scene`.
 
     Parameters
     ----------
@@ -83,7 +84,8 @@ def require_same_mechanics(response_scene: Scene, scene: Scene) -> None:
     Raises
     ------
     ValueError
-        If their mechanical keys differ; the message lists the keys that differ and their values.
+        If their mechanical keys differ; the message lists the scene keys that differ with both
+        values.
     """
     if make_mechanical_key(response_scene) == make_mechanical_key(scene):
         return
@@ -102,7 +104,11 @@ def require_same_mechanics(response_scene: Scene, scene: Scene) -> None:
 
 
 def _collect_mechanical_values(scene: Scene) -> dict[str, Any]:
-    """Return the values, by key, that the stress about a centred probe depends on."""
+    """Return values by scene key for the message that the films of two scenes differ.
+
+    They are the keys that the stress about a centred probe depends on, except those of the
+    electrodes, and the keys that affect how charges follow from the stress.
+    """
     from pvdf_fem.problem.equivalence import MECHANICAL_EFFECTS  # imports scikit-fem
 
     values: dict[str, Any] = {}
@@ -112,14 +118,15 @@ def _collect_mechanical_values(scene: Scene) -> dict[str, Any]:
             for key, value in tables[0].items():
                 values[f"{name}.{key}"] = value
     # The density matters only if the film has weight.
-    values["film.density_kg_m3"] = scene.film.density_kg_m3 * bool(scene.film.weight)
+    values["film.density_kg_m3"] = scene.film.density_kg_m3 if scene.film.weight else 0.0
     return values
 
 
-def has_same_readout(scene: Scene, other: Scene) -> bool:
-    """Return whether two scenes have the same charges if the stress is the same.
+def gives_same_charges(scene: Scene, other: Scene) -> bool:
+    """Return whether two scenes have the same charges, provided that they have the same stress.
 
-    The piezoelectric coefficients and the electrodes, apart from their names, must be the same.
+    For this the keys of the film that convert stress to charge, such as d31 and d32, and the
+    electrodes apart from their names must be the same.
     """
     values = select_by_effect(scene.film, Affects.READING)
     other_values = select_by_effect(other.film, Affects.READING)

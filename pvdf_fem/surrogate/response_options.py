@@ -40,8 +40,8 @@ class ResponseOptions:
     max_builds: int = 3
     #: Cell size of the spline's grid divided by the square root of the probe's area.
     cell_fraction: float = 1 / 9
-    #: The same for a tip, divided by the square root of its contact area at the minimum force. It
-    #: may be larger, since the pressure at the edge of the contact is zero.
+    #: Cell size for a tip, divided by the square root of its contact area at the minimum force. The
+    #: fraction is larger, since the pressure at the edge of the contact is zero.
     tip_cell_fraction: float = 1 / 5
     #: Maximum cell size of the spline's grid.
     max_cell_mm: float = 0.6
@@ -86,7 +86,7 @@ class ResponseOptions:
         return compute_force_nodes_N(domain, max(4, 1 + math.ceil(by_log_range)))
 
     def make_centre_grid(
-        self, scene: Scene, domain: Domain, error_without: float = 80.0, rotation_count: int = 6
+        self, scene: Scene, domain: Domain, prefactor: float = 80.0, rotation_count: int = 6
     ) -> CentreGrid:
         """Make the grid of positions of the film's centre, seen from the probe.
 
@@ -96,10 +96,11 @@ class ResponseOptions:
             Scene with a single probe.
         domain : Domain
             Touches for which the response is valid. The grid reaches two cells farther.
-        error_without : float, optional
+        prefactor : float, optional
             Prefactor C of the interpolation error, see Notes.
         rotation_count : int, optional
-            Number of rotations within 180 degrees for an orthotropic film, at an error of 1e-3.
+            Number of rotations within 180 degrees for an orthotropic film, at an error of 1e-3. It
+            is ignored for an isotropic film.
 
         Notes
         -----
@@ -112,7 +113,7 @@ class ResponseOptions:
         assert scene.single_probe is not None
         reach_mm = domain.reach_mm + 2.0 * self.compute_cell_mm(scene, domain)
         log_gain = 2.0 * math.acosh(scene.film.radius_mm / reach_mm)
-        distance_count = max(2, math.ceil(math.log(error_without / self.error) / log_gain))
+        distance_count = max(2, math.ceil(math.log(prefactor / self.error) / log_gain))
         film_rotation_count = 0
         if classify_isotropy(scene.film) != "isotropic":
             film_rotation_count = rotation_count + max(0, math.ceil(2.0 * self.decades - 0.2))
@@ -128,8 +129,8 @@ class ResponseOptions:
         scene : Scene
             Scene with a single probe.
         domain : Domain
-            Touches for which the response is valid. With the probe at any of their positions, the
-            grid covers the whole film, since electrodes may be anywhere.
+            Touches for which the response is valid. The grid covers the whole film with the probe
+            at the position of any of these touches, since electrodes may be anywhere.
         centre_grid : CentreGrid
             Grid whose number of angles must divide the number of angles of the polar grid.
         """
@@ -158,8 +159,8 @@ def choose_options(scene: Scene, tolerance: float, tip_factor: float = 0.5) -> R
     tolerance : float
         Maximum error bound of the response.
     tip_factor : float, optional
-        Factor on the error under a tip, whose contact grows with the force and therefore needs a
-        finer resolution.
+        Factor on the error that the resolution is chosen for if the probe is a tip, whose contact
+        grows with the force and therefore needs a finer resolution.
     """
     error = min(tolerance, 1.0)
     if scene.tips:
@@ -170,7 +171,7 @@ def choose_options(scene: Scene, tolerance: float, tip_factor: float = 0.5) -> R
 def find_validation_errors(
     scene: Scene, domain: Domain, tolerance: float, options: ResponseOptions | None = None
 ) -> Iterator[str]:
-    """Find the errors of a scene, a domain and a tolerance for which no response can be built.
+    """Yield error messages if no response can be built for a scene, a domain and a tolerance.
 
     Parameters
     ----------
@@ -210,7 +211,7 @@ def find_validation_errors(
 
 
 def _find_incompatible_keys(scene: Scene) -> Iterator[str]:
-    """Find the keys of a scene that are incompatible with a response."""
+    """Yield an error message for each value of a scene that is incompatible with a response."""
     load = scene.load
     film = scene.film
     observable = scene.numerics.observable
@@ -235,7 +236,7 @@ def _find_incompatible_keys(scene: Scene) -> Iterator[str]:
 
 
 def _find_reach_errors(scene: Scene, domain: Domain, options: ResponseOptions) -> Iterator[str]:
-    """Find the error of a reach that is not positive or brings the probe too close to the rim.
+    """Yield an error message if a reach is not positive or brings the probe too close to the rim.
 
     Parameters
     ----------
@@ -244,7 +245,7 @@ def _find_reach_errors(scene: Scene, domain: Domain, options: ResponseOptions) -
     domain : Domain
         Domain with the reach, and with the maximum force that gives the largest contact of a tip.
     options : ResponseOptions
-        Resolution, which gives the margin of three cells.
+        Resolution; the probe must stay three cells of its spline away from the rim.
     """
     cell_mm = options.compute_cell_mm(scene, domain)
     corners_mm = 1e3 * estimate_pressed_outline(scene, domain.force_N[1]).reach

@@ -102,7 +102,7 @@ def draw_touches(domain: Domain, count: int, seed: int = 0) -> Array:
 def is_within(
     touches: Array, reach_mm: float, lowest: float, highest: float, few: int = 32
 ) -> bool:
-    """Return whether all touches are finite and within limits.
+    """Return whether all touches are within a reach and a range of forces, with finite rotations.
 
     Parameters
     ----------
@@ -115,7 +115,8 @@ def is_within(
     highest : float
         Maximum of the last column.
     few : int, optional
-        Up to this number of touches, Python floats are compared, which is faster for few rows.
+        Maximum number of touches that are compared one by one as Python floats, which is faster
+        for few rows and gives the same result.
     """
     square = reach_mm * reach_mm
     if len(touches) <= few:
@@ -139,12 +140,12 @@ def require_within(domain: Domain, touches: Array, rounding: float = 1e-9) -> No
     touches : ndarray, shape (n, 4)
         Rows of x and y in mm, rotation in degrees and force in N.
     rounding : float, optional
-        Relative amount by which touches may exceed the limits of the domain.
+        Relative amount by which distances and forces may exceed the limits of the domain.
 
     Raises
     ------
     ValueError
-        If a touch is outside of the domain; the message has the first such touch.
+        If a touch is outside of the domain or not finite; the message has the first of these.
     """
     low, high = domain.force_N
     limits = ((1.0 + rounding) * domain.reach_mm, (1.0 - rounding) * low, (1.0 + rounding) * high)
@@ -161,16 +162,16 @@ def require_within(domain: Domain, touches: Array, rounding: float = 1e-9) -> No
 
 
 def compute_clear_reach_mm(scene: Scene, min_fraction: float = 0.2) -> float:
-    """Compute the reach at which the centre of the widest probe is its own width from the rim.
+    """Compute the reach in mm at which the centre of the widest probe is its width from the rim.
 
-    The width is the mean width of the outline, its perimeter divided by π.
+    The width is the mean width of the outline of a probe, which is its perimeter divided by π.
 
     Parameters
     ----------
     scene : Scene
         Scene with probes.
     min_fraction : float, optional
-        Minimum of the result as a fraction of the film's radius, for very wide probes.
+        Minimum reach as a fraction of the film's radius, for very wide probes.
     """
     radius_mm = scene.film.radius_mm
     width_mm = 0.0
@@ -182,14 +183,13 @@ def compute_clear_reach_mm(scene: Scene, min_fraction: float = 0.2) -> float:
 def choose_default_reach_mm(scene: Scene, max_mm: float = 12.0, max_fraction: float = 0.6) -> float:
     """Choose the reach in mm of a scene for which the user has not specified one.
 
-    It is the smallest of `max_mm`, `max_fraction` of the film's radius, and the reach at which the
-    probe is its own width from the rim.
+    It is the smallest of `max_mm`, `max_fraction` of the film's radius, and the result of
+    `compute_clear_reach_mm`.
 
     Parameters
     ----------
     scene : Scene
-        Scene with a single probe. Its position and force have no effect, so that a file name may
-        contain the result.
+        Scene with a single probe, whose position and force have no effect on the reach.
     max_mm : float, optional
         Upper limit in mm.
     max_fraction : float, optional
@@ -212,7 +212,8 @@ def resolve_response_settings(
     scene : Scene
         Scene with a single probe. Keys of its table ``[model]`` replace the defaults.
     sigma : float, optional
-        Relative noise of the readings that the response is for.
+        Relative noise of the readings that the response is for. It determines the default
+        tolerance.
     fraction : float, optional
         Default tolerance as a fraction of `sigma`.
     limits : tuple of float, optional
@@ -230,7 +231,10 @@ def resolve_response_settings(
 
 
 def extract_touch(scene: Scene) -> dict[str, float]:
-    """Return the touch of a scene's probe by quantity; only the force if there is no probe."""
+    """Return the touch of a scene as a value for each of `TOUCH_QUANTITIES`.
+
+    Only the force is returned if the scene does not have a single probe.
+    """
     touch: dict[str, float] = {}
     probe = scene.single_probe
     if probe is not None:
@@ -254,7 +258,7 @@ def apply_touch(scene: Scene, touch: Array, tolerance: float) -> Scene:
     touch : ndarray, shape (4,)
         Position x and y in mm, rotation in degrees and force in N.
     tolerance : float
-        Tolerance of the solve, the value of ``numerics.tolerance``.
+        Tolerance of the solve, the value of ``numerics.tolerance`` in the copy.
     """
     changes = dict(zip(TOUCH_SCENE_KEYS, map(float, touch), strict=True))
     changes["numerics.tolerance"] = tolerance

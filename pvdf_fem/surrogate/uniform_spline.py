@@ -59,12 +59,12 @@ class _Grid(NamedTuple):
     last_cells: Indices  #: Indices of the last cells.
 
 
-class _Rows(NamedTuple):
-    """Positions of the coefficients of a cell in the matrix `UniformSpline._flat`."""
+class _CellRows(NamedTuple):
+    """Rows of `UniformSpline._matrix` with the coefficients that a cell needs."""
 
     #: Number of rows from one coefficient to the next along each axis, shape (axes,).
     strides: Indices
-    #: Offsets of the rows of a cell from its first row, shape (4^axes,).
+    #: Offsets from the first row of a cell to each of its rows, shape (4^axes,).
     offsets: Indices
 
 
@@ -72,7 +72,7 @@ class _Weights(NamedTuple):
     """Weights of the coefficients in the values and derivatives at n points."""
 
     values: Array  #: Weights, shape (n, results, 4^axes).
-    rows: Indices  #: Rows of the coefficients in `UniformSpline._flat`, shape (n, 4^axes).
+    rows: Indices  #: Rows of the coefficients in `UniformSpline._matrix`, shape (n, 4^axes).
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ class UniformSpline:
     def interpolate(
         cls, axes: Sequence[UniformAxis], values: ArrayLike, dtype: type[np.floating] = np.float64
     ) -> UniformSpline:
-        """Interpolate values on a grid.
+        """Make the spline through values on a grid.
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class UniformSpline:
         values : array_like, shape (n1, n2, ..., functions)
             Values of the functions at the nodes of the grid.
         dtype : type, optional
-            Data type of the coefficients and of the results of evaluations.
+            Data type of the coefficients and of the values that the spline returns.
         """
         coefficients = np.asarray(values, dtype=float)
         for i, axis in enumerate(axes):
@@ -120,7 +120,7 @@ class UniformSpline:
         return cls(tuple(axes), np.ascontiguousarray(coefficients, dtype))
 
     def evaluate_with_gradient(self, points: Array, at_once: int = 512) -> Array:
-        """Evaluate the functions and their gradients.
+        """Evaluate the functions and their gradients at points.
 
         Parameters
         ----------
@@ -141,10 +141,12 @@ class UniformSpline:
                 [self.evaluate_with_gradient(points[i : i + at_once]) for i in starts]
             )
         weights = self._compute_weights(points, self._polynomials)
-        return np.matmul(weights.values, self._flat.take(weights.rows, axis=0))
+        return np.matmul(weights.values, self._matrix.take(weights.rows, axis=0))
 
     def sum_weighted(self, points: Array, factors: Array) -> Array:
-        """Compute weighted sums of the functions over sets of points, by one sparse product.
+        """Compute weighted sums of the functions over sets of points.
+
+        A single sparse product sums over the points and over the coefficients of each point.
 
         Parameters
         ----------
@@ -161,21 +163,23 @@ class UniformSpline:
         n, m = factors.shape
         values_only = self._polynomials[:, :, :4]
         weights = self._compute_weights(points.reshape(n * m, -1), values_only)
-        products = (weights.values[:, 0] * factors.reshape(-1, 1)).astype(self._flat.dtype)
-        starts = weights.rows.shape[1] * m * np.arange(n + 1)
-        shape = (n, len(self._flat))
+        products = (weights.values[:, 0] * factors.reshape(-1, 1)).astype(self._matrix.dtype)
+        # Row i of the matrix has the weights of all coefficients of all points of set i.
+        weights_per_set = weights.rows.shape[1] * m
+        starts = weights_per_set * np.arange(n + 1)
+        shape = (n, len(self._matrix))
         matrix = sp.csr_matrix((products.ravel(), weights.rows.ravel(), starts), shape)
-        return matrix @ self._flat
+        return matrix @ self._matrix
 
     def _compute_weights(self, points: Array, polynomials: Array) -> _Weights:
-        """Compute the weights of the coefficients in results at several points.
+        """Compute the weights of the coefficients in values or derivatives at several points.
 
         Parameters
         ----------
         points : ndarray, shape (n, axes)
             Coordinates of the points.
         polynomials : ndarray, shape (axes, 4, 4 results)
-            Columns of `_polynomials` for the results.
+            Columns of `_polynomials` for the results to compute: the value, or also derivatives.
         """
         grid = self._grid
         n, axes = points.shape
@@ -186,19 +190,19 @@ class UniformSpline:
         cell = np.minimum(np.maximum(position.astype(np.int64), 0), grid.last_cells)
         # shape (axes, n, powers)
         powers = (position - cell).T[:, :, None] ** _POWERS
-        factors = np.matmul(powers, polynomials).astype(self._flat.dtype, copy=False)
+        factors = np.matmul(powers, polynomials).astype(self._matrix.dtype, copy=False)
         factors = factors.reshape(axes, n, -1, 4)
         # The weights are outer products of the B-splines of all axes.
         weights = factors[0]
         for i in range(1, axes):
             weights = weights[..., None] * factors[i, :, :, None]
             weights = weights.reshape(n, -1, 4 ** (i + 1))
-        first_rows = cell @ self._rows.strides
-        return _Weights(weights, first_rows[:, None] + self._rows.offsets)
+        first_rows = cell @ self._cell_rows.strides
+        return _Weights(weights, first_rows[:, None] + self._cell_rows.offsets)
 
     @cached_property
-    def _flat(self) -> NDArray[np.floating]:
-        """Coefficients as a matrix.
+    def _matrix(self) -> NDArray[np.floating]:
+        """Coefficients as a matrix with a row for each coefficient of the tensor product.
 
         Returns
         -------
@@ -208,7 +212,7 @@ class UniformSpline:
 
     @cached_property
     def _grid(self) -> _Grid:
-        """Properties of all axes as arrays."""
+        """First values, inverse steps and last cells of all axes as arrays."""
         starts = np.array([axis.start for axis in self.axes])
         steps = np.array([axis.step for axis in self.axes])
         return _Grid(starts, 1.0 / steps, np.array(self.coefficients.shape[:-1]) - 4)
@@ -230,9 +234,12 @@ class UniformSpline:
         return polynomials.reshape(axes, 4, -1)
 
     @cached_property
-    def _rows(self) -> _Rows:
-        """Positions of the coefficients of a cell in `_flat`."""
-        counts = self.coefficients.shape[-2:0:-1]
-        strides = np.append(np.cumprod(counts)[::-1], 1).astype(np.int64)
-        corners = np.indices((4,) * len(self.axes)).reshape(len(self.axes), -1)
-        return _Rows(strides, strides @ corners)
+    def _cell_rows(self) -> _CellRows:
+        """Strides and offsets of the rows of a cell in `_matrix`."""
+        axes = len(self.axes)
+        # The stride of an axis is the product of the counts of the axes after it.
+        counts_from_last = self.coefficients.shape[-2:0:-1]
+        strides = np.append(np.cumprod(counts_from_last)[::-1], 1).astype(np.int64)
+        # The indices from 0 to 3 along each axis, for all coefficients of a cell.
+        indices_in_cell = np.indices((4,) * axes).reshape(axes, -1)
+        return _CellRows(strides, strides @ indices_in_cell)

@@ -32,7 +32,7 @@ class RelativeErrors(NamedTuple):
 def make_solve_tasks(
     scene: Scene, touches: Array, tolerance: float, fraction: float = 0.1
 ) -> list[tuple[Any, ...]]:
-    """Make the tasks that solve touches, for a `TaskRunner`.
+    """Make a task for a `TaskRunner` for each touch, which solves the touch in full.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def solve_stress_integrals(scene: Scene, touch: Array, tolerance: float) -> Stre
     Returns
     -------
     StressIntegrals or str
-        Stress integrals, or the reason why the solve failed.
+        Stress integrals, or the reason as a text if the solve did not converge.
     """
     from pvdf_fem.problem.problem import Problem  # imports gmsh
     from pvdf_fem.solver.adaptive import solve_outputs
@@ -113,20 +113,20 @@ class ValidationSolves:
         return cls(np.delete(touches, failed, axis=0), integrals, errors)
 
     def compute_relative_errors(self, film: Film, charges_pC: Array) -> RelativeErrors:
-        """Compute the errors of charges by comparison with the full solves.
+        """Compute the relative errors of charges of `touches` by comparison with the full solves.
 
         Parameters
         ----------
         film : Film
             Film with d31 and d32.
         charges_pC : ndarray, shape (n, electrodes)
-            Charges of `touches` in pC, from a response.
+            Charges in pC from a response, for each of `touches`.
         """
         from pvdf_fem.electrodes.stress_integrals import StressIntegrals  # imports scikit-fem
 
         d_pC_N = (film.d31_pC_N, film.d32_pC_N)
         sizes = (np.abs(self.integrals) * np.abs(d_pC_N)).sum(axis=-1)
-        sizes[sizes == 0.0] = 1.0
+        sizes[sizes == 0.0] = 1.0  # Without stress or d31 and d32, the error in pC is absolute.
         estimated = np.zeros_like(sizes)
         for row, (integrals, errors) in enumerate(zip(self.integrals, self.errors, strict=True)):
             estimated[row] = StressIntegrals(integrals, errors).charge_errors(d_pC_N)

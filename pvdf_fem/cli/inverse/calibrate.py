@@ -51,7 +51,7 @@ exit codes: 0 calibrated, 2 bad input, 3 not calibrated (the status says why)"""
 
 
 def add_parser(commands: Any) -> None:
-    """Register the `calibrate` subcommand."""
+    """Add the `calibrate` subcommand with its options to the parser of commands."""
     parser = add_scene_command(
         commands,
         "calibrate",
@@ -112,7 +112,16 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the `calibrate` subcommand, and return its exit code."""
+    """Calibrate a sensor with touches, and return the exit code of the command.
+
+    The calibration is printed; its text is on standard error if it fails. The scene of ``--output``
+    is written only if it succeeds, the page of ``--page`` in either case.
+
+    Raises
+    ------
+    InputError, SceneError
+        If options or files are invalid. The exception lists the errors.
+    """
     inputs = Path(options.scene), Path(options.touches)
     errors = find_output_errors(options.output, [".toml"], *inputs)
     errors += find_output_errors(options.page, [".html"], *inputs, options.output)
@@ -145,7 +154,7 @@ def run(options: argparse.Namespace) -> int:
             place_sd=place_sd,
             progress=options.progress,
         )
-    except SceneError:  # `run_program` prints its problems
+    except SceneError:  # a ValueError, too, but `run_program` prints the problems that it lists
         raise
     except ValueError as error:
         raise InputError(*_split_messages(error)) from None
@@ -165,7 +174,15 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _parse_priors(texts: list[str], errors: list[str]) -> dict[str, float]:
-    """Parse the values of ``--prior``; messages about invalid ones are added to `errors`."""
+    """Parse the values of ``--prior``, and return standard deviations by the name of the prior.
+
+    Parameters
+    ----------
+    texts : list of str
+        Values in the form ``NAME=SD``. If a name is repeated, its last value counts.
+    errors : list of str
+        Error messages; one is appended for each standard deviation that is invalid.
+    """
     priors: dict[str, float] = {}
     for text in texts:
         name, _, value = text.partition("=")
@@ -175,7 +192,7 @@ def _parse_priors(texts: list[str], errors: list[str]) -> dict[str, float]:
 
 
 def _split_messages(error: ValueError) -> list[str]:
-    """Return the lines of all arguments of an exception, one error message each."""
+    """Split the text of an exception into its lines, each of which is an error message."""
     messages: list[str] = []
     for argument in error.args:
         messages += str(argument).split("\n")
@@ -183,7 +200,7 @@ def _split_messages(error: ValueError) -> list[str]:
 
 
 def _write_page(calibration: Calibration, options: argparse.Namespace) -> None:
-    """Write the page about a calibration, with its input files, its command and the date."""
+    """Write the page of ``--page``, which also names the input files, the command and the date."""
     about = {
         "sensor": options.scene,
         "touches": options.touches,

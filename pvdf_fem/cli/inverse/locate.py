@@ -68,7 +68,7 @@ touch explains them, or a solve failed"""
 
 
 def add_parser(commands: Any) -> None:
-    """Register the `locate` subcommand."""
+    """Add the `locate` subcommand with its options to the parser of commands."""
     parser = add_scene_command(
         commands,
         "locate",
@@ -157,7 +157,15 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the `locate` subcommand, and return its exit code."""
+    """Locate a touch or, with ``--csv``, the rows of a table, and return the exit code.
+
+    A single touch is printed, and plotted with ``--plot`` if any touch is found.
+
+    Raises
+    ------
+    InputError
+        If options or scenes are invalid. The exception lists the errors.
+    """
     request = Request.from_options(options)
     scenes = _read_scenes(options, request)
     from pvdf_fem.cli.inverse.locate_table import locate_table
@@ -181,7 +189,8 @@ def _read_scenes(options: argparse.Namespace, request: Request) -> dict[str, Sce
     Raises
     ------
     InputError
-        If the request or a scene is invalid. The exception lists all errors.
+        If the request has errors, or a scene is invalid or has no suitable probe. The exception
+        lists the errors of the request and of all scenes.
     """
     errors = list(request.errors)
     scenes: dict[str, Scene] = {}
@@ -201,20 +210,22 @@ def _read_scenes(options: argparse.Namespace, request: Request) -> dict[str, Sce
 
 
 def _locate(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, ...]:
-    """Locate the touch with the probe of each scene.
+    """Locate the touch with the probe of each scene, and rank the probes by likelihood.
+
+    Missing responses are built, and stored in files.
 
     Parameters
     ----------
     scenes : mapping of str to Scene
-        Scenes by file. The known quantities of the touch are those of the first scene. If full
-        solves are needed, only the first scene is used.
+        Scenes by file. Quantities of the touch that are not unknown have the values of the first
+        scene. If full solves are needed instead of a response, only the first scene is used.
     request : Request
-        Readings and unknown quantities.
+        Validated options with the readings and the unknown quantities.
 
     Returns
     -------
     tuple of ProbeMatch
-        A location for each scene, the most likely first.
+        A location for each scene that is used, the most likely first.
 
     Raises
     ------
@@ -259,7 +270,10 @@ def _locate(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
 
 
 def _with_response_table(sensor: Scene, request: Request) -> Scene:
-    """Return a copy of the scene whose table [model] has the reach and forces of the options."""
+    """Return a copy of the scene whose [model] has the reach and the forces of given options.
+
+    Without these options, the scene itself is returned.
+    """
     changes: dict[str, Any] = {}
     if request.response.reach_mm is not None:
         changes["reach_mm"] = request.response.reach_mm
@@ -270,7 +284,10 @@ def _with_response_table(sensor: Scene, request: Request) -> Scene:
 
 
 def _print_matches(matches: Sequence[ProbeMatch], as_json: bool) -> None:
-    """Print locations in order, with the probabilities of their scenes if there are several."""
+    """Print locations in order, as texts or as one JSON object.
+
+    JSON always has the probability of each scene as ``weight``, texts only for several scenes.
+    """
     if as_json:
         objects = [
             {"scene": match.name, "weight": match.weight, **match.location.to_json()}

@@ -32,15 +32,18 @@ class Request:
     Parameters
     ----------
     readings : dict of str to float
-        Readings by electrode, in `unit`. Empty for a table.
+        Readings by electrode, in `unit`. Empty if the readings are in a table.
     unit : {"pC", "V"}
-        Unit of readings and of `noise`.
+        Unit of the readings, also of those in a table, and of `noise`. Readings in pC are
+        *nominal*: in V times the nominal capacitance of the channel, before the correction of gain
+        and offset.
     reading : {"change", "total"} or None
-        Kind of the readings. None for the scene's kind.
+        Whether readings are changes of the charge by the touch, or total charges. None: as in the
+        scene's readout.
     sigma : float
-        Relative standard deviation of readings.
+        Standard deviation of a reading as a fraction of the charge or change that is read.
     noise : float or None
-        Additional standard deviation in `unit`. None for the scene's value.
+        Additional standard deviation of every reading in `unit`. None: that of the scene's readout.
     unknown : tuple of str
         Unknown quantities of a touch, such as ``x_mm``.
     touches : int
@@ -63,7 +66,10 @@ class Request:
 
     @classmethod
     def from_options(cls, options: argparse.Namespace) -> Request:
-        """Parse the options of ``pvdf-fem locate``; errors are collected in `errors`."""
+        """Parse the options of ``pvdf-fem locate``.
+
+        Nothing is raised for invalid options: the field `errors` of the request has the messages.
+        """
         errors = _find_misplaced_options(options)
         reading = options.reading
         readings: dict[str, float] = {}
@@ -77,7 +83,7 @@ class Request:
         noise = parse_optional_number("--noise", options.noise, errors, allow_zero=True)
         unknown = parse_unknowns(options.unknown, errors)
         if needs_solves(options.touches, unknown):
-            errors += _find_options_without_solves(options)
+            errors += _find_options_of_responses(options)
         errors += find_plot_errors(options, options.scene)
         if options.plot and not {"x_mm", "y_mm"} <= set(unknown):
             errors.append("--plot: needs an unknown position; add x and y to --unknown")
@@ -98,18 +104,26 @@ class Request:
 
     @property
     def needs_solves(self) -> bool:
-        """Whether full solves are needed because a response is not sufficient."""
+        """Whether full solves are needed: for two touches, or unknowns that responses lack."""
         return needs_solves(self.touches, self.unknown)
 
     def readings_pC(self, scene: Scene) -> dict[str, float]:
-        """Return the readings by electrode, converted to nominal pC."""
+        """Convert the readings from `unit` to nominal pC, and return them by electrode.
+
+        Nominal pC are V times the nominal capacitance of the channel in pF, before the correction
+        of gain and offset. Readings of electrodes that the scene does not have are not converted.
+        """
         from pvdf_fem.inverse.touch.measurement import get_units_pC
 
         units = get_units_pC(scene, self.unit)
         return {name: units.get(name, 1.0) * value for name, value in self.readings.items()}
 
     def noise_pC(self, scene: Scene) -> dict[str, float] | None:
-        """Return the noise by electrode in nominal pC, or None for the noise of the readout."""
+        """Convert `noise` from `unit` to nominal pC, and return it by electrode of the scene.
+
+        Nominal pC are V times the nominal capacitance of the channel in pF. The result is None if
+        `noise` is None, so that the noise of the scene's readout is used.
+        """
         from pvdf_fem.inverse.touch.measurement import get_units_pC
 
         if self.noise is None:
@@ -118,12 +132,20 @@ class Request:
 
 
 def needs_solves(touches: int, unknown: Sequence[str]) -> bool:
-    """Return whether full solves are needed to locate the touches, instead of a response."""
+    """Return whether full solves are needed to locate touches, since a response cannot.
+
+    Parameters
+    ----------
+    touches : int
+        Number of probes that touch at once; a response is for one.
+    unknown : sequence of str
+        Unknown quantities, such as ``x_mm``; a response is a function of `FOUND_BY_RESPONSES`.
+    """
     return touches > 1 or not set(unknown) <= set(FOUND_BY_RESPONSES.values())
 
 
 def parse_unknowns(text: str, errors: list[str]) -> tuple[str, ...]:
-    """Parse the value of ``--unknown``.
+    """Parse the value of ``--unknown`` to names of quantities.
 
     Parameters
     ----------
@@ -157,7 +179,10 @@ def require_locatable(
     readings_pC: Mapping[str, float],
     known: Mapping[str, float],
 ) -> None:
-    """Raise `ValueError` if touches cannot be located, before any response is built.
+    """Raise an error if touches cannot be located, before any response is built.
+
+    The quantities of the touch are not tested if ``--model`` names an existing file, whose domain
+    is not yet known.
 
     Parameters
     ----------
@@ -166,7 +191,8 @@ def require_locatable(
     request : Request
         Validated options.
     readings_pC : mapping of str to float
-        Readings in nominal pC, by electrode.
+        Readings by electrode in nominal pC, which are V times the nominal capacitance of the
+        channel in pF.
     known : mapping of str to float
         Known quantities of the touch, such as ``rotation_deg``.
 
@@ -196,7 +222,11 @@ def require_locatable(
 
 
 def _find_misplaced_options(options: argparse.Namespace) -> list[str]:
-    """Return error messages about options that are not possible with or without ``--csv``."""
+    """Return error messages about options that require a table or a single touch.
+
+    These are options of single touches if there is ``--csv``, and options of tables if there is
+    not.
+    """
     if options.csv is not None:
         return [
             f"{option}: is only for single touches; remove it"
@@ -214,8 +244,8 @@ def _find_misplaced_options(options: argparse.Namespace) -> list[str]:
     ]
 
 
-def _find_options_without_solves(options: argparse.Namespace) -> list[str]:
-    """Return error messages about options that are incompatible with full solves."""
+def _find_options_of_responses(options: argparse.Namespace) -> list[str]:
+    """Return error messages about options that require a response instead of full solves."""
     # with a table, `_find_misplaced_options` has already reported options of single touches
     used = ["--csv"] if options.csv is not None else _list_single_touch_options(options)
     with_solves = "--touches 2 and --unknown tangential or temperature"
@@ -223,7 +253,10 @@ def _find_options_without_solves(options: argparse.Namespace) -> list[str]:
 
 
 def _list_single_touch_options(options: argparse.Namespace) -> list[str]:
-    """Return the options in use that are only for a single touch located by responses."""
+    """Return those of the options ``--or`` and ``--plot`` that are used.
+
+    Both are only for a single touch that is located with responses.
+    """
     used = []
     if options.others:
         used.append("--or")
@@ -235,7 +268,8 @@ def _list_single_touch_options(options: argparse.Namespace) -> list[str]:
 def _parse_readings(option: str, text: str, errors: list[str]) -> dict[str, float]:
     """Parse readings by electrode from a text such as ``A=905.1,B=731.4``.
 
-    Messages about invalid items are added to `errors`.
+    For each item that is invalid or repeats a name, a message is appended to `errors` and the item
+    is left out.
     """
     readings: dict[str, float] = {}
     for item in text.split(","):

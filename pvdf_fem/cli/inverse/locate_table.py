@@ -31,7 +31,8 @@ from pvdf_fem.progress import show_progress
 if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
 
-#: Number of rows with calibrated deviations, of milliseconds each, that are written together.
+#: Number of rows that are located and written together without ``--quick``. A row then takes
+#: milliseconds, since its standard deviations are calibrated by a search of all likely touches.
 CALIBRATED_ROWS = 32
 #: Arguments of `locate_many` by the columns with known quantities of a touch.
 KNOWN = {"rotation_deg": "rotations_deg", "force_N": "forces_N"}
@@ -40,21 +41,21 @@ MAX_MISTAKES = 3  #: Maximum number of mistakes in the summary of a table.
 
 
 def locate_table(scene: Scene, request: Request, options: argparse.Namespace) -> int:
-    """Locate every row of a table, and write the touches.
+    """Locate the rows of a table as they arrive, write the touches, and print a summary.
 
     Parameters
     ----------
     scene : Scene
-        The sensor.
+        Scene of the sensor with a single probe.
     request : Request
         Validated options: unknown quantities, noise, and response.
     options : argparse.Namespace
-        Options of ``pvdf-fem locate``, with the paths of the tables.
+        Options of ``pvdf-fem locate``, with the paths of the tables of readings and of touches.
 
     Returns
     -------
     int
-        The exit code, see `_print_summary`.
+        Exit code of the command, see `_print_summary`.
 
     Raises
     ------
@@ -95,10 +96,10 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
 
 
 class _RowLocator:
-    """A locator of the rows of a table, which loads or builds the response.
+    """A locator of the rows of a table, which loads or builds the response when it is made.
 
-    Raises `ValueError` or `InputError` if the request or the header is invalid, before a response
-    is built.
+    Before that, it raises `ValueError` or `InputError` if the request or the columns of the table
+    are invalid.
     """
 
     def __init__(
@@ -134,7 +135,10 @@ class _RowLocator:
         self.response = load_or_build_response(scene, options.scene, request.response)
 
     def locate(self, rows: Sequence[Row]) -> list[dict[str, Any]]:
-        """Locate rows, and return the cells of their output rows by column."""
+        """Locate rows, and return for each row the cells of the output by column.
+
+        The output cells of an incomplete row have the status malformed instead of a touch.
+        """
         from pvdf_fem.inverse.touch.locate_many import locate_many
 
         known: dict[str, Any] = {}
@@ -165,7 +169,7 @@ class _RowLocator:
 
 
 def _make_malformed(columns: dict[str, Any]) -> dict[str, Any]:
-    """Return the output cells of a malformed row."""
+    """Return the cells for a malformed row: a status, an empty remark, and None otherwise."""
     from pvdf_fem.inverse.touch.touch import TouchStatus
 
     return {**dict.fromkeys(columns), "status": str(TouchStatus.MALFORMED), "remark": ""}
@@ -180,7 +184,7 @@ def _describe_clash(file: str, column: str) -> str:
 
 
 def _read_column(rows: Sequence[Row], column: str) -> Array:
-    """Return the numbers in a column of all rows, NaN for other cells."""
+    """Return the numbers in a column of several rows, NaN for cells that are not finite numbers."""
     return np.array([parse_cell(row.cells.get(column)) for row in rows])
 
 
@@ -209,12 +213,13 @@ def _print_summary(counts: Counter[str], mistakes: Counter[str]) -> int:
     counts : Counter of str
         Number of rows by status.
     mistakes : Counter of str
-        Number of rows by the mistake that explains their readings.
+        Number of rows by the mistake that would explain their readings.
 
     Returns
     -------
     int
-        `ExitCode.CONVERGED` if the table counts as located or has no rows.
+        `ExitCode.CONVERGED` if the table counts as located or has no rows, otherwise
+        `ExitCode.NOT_CONVERGED`.
     """
     from pvdf_fem.inverse.touch.touch import EXPLAINED_STATUSES
 

@@ -28,26 +28,27 @@ EXTENSIONS = [".csv", ".json", ".jsonl"]
 
 
 class Row(NamedTuple):
-    """A row of a table: its cells by column, and whether it has a cell for each column."""
+    """A row of a table."""
 
-    cells: dict[str, Any]
+    cells: dict[str, Any]  #: Cells by column; a CSV row may lack cells, a JSON object any of them.
+    #: Whether a CSV row has as many cells as the header, or the row is an object in JSON.
     is_complete: bool
 
 
 def choose_format(path: Path | None, as_json: bool) -> str:
-    """Return the format of a table, one of `EXTENSIONS`.
+    """Choose the format of a table by the extension of its file.
 
     Parameters
     ----------
     path : Path or None
-        The file, or None for standard input or output.
+        Path of the file, or None for standard input or output.
     as_json : bool
-        Whether standard input and output are JSON.
+        Whether standard input and output are JSON. It is ignored for a file.
 
     Returns
     -------
     str
-        The extension of the format. A file with any other extension is CSV.
+        One of `EXTENSIONS`. A file with any other extension is CSV.
     """
     if path is None:
         return ".json" if as_json else ".csv"
@@ -58,18 +59,18 @@ def choose_format(path: Path | None, as_json: bool) -> str:
 def read_rows(
     stack: ExitStack, source: Path | None, table_format: str, electrodes: Sequence[str]
 ) -> tuple[list[str], Iterator[list[Row]]]:
-    """Read the columns of a table, and return an iterator over its rows.
+    """Read the names of the columns of a table, and return an iterator that reads its rows.
 
-    Electrodes without a column are reported as a warning on standard error.
+    If some electrodes have no column, a warning is printed on standard error.
 
     Parameters
     ----------
     stack : ExitStack
         Context in which the file stays open.
     source : Path or None
-        The file, or None for standard input.
+        Path of the file, or None for standard input.
     table_format : str
-        One of `EXTENSIONS`.
+        Format of the table, one of `EXTENSIONS`.
     electrodes : sequence of str
         Names of the sensor's electrodes.
 
@@ -78,14 +79,14 @@ def read_rows(
     columns : list of str
         Names of the columns.
     batches : iterator of list of Row
-        Each list has the rows that have arrived since the previous one.
+        Each list has the rows that have arrived since the previous list.
 
     Raises
     ------
     InputError
         If no column has the name of an electrode, or if standard input is closed.
     FileError
-        If the file is not a table.
+        If the file is not a table; for later rows while iterating over `batches`.
     """
     if source is None and sys.stdin is None:
         raise InputError("standard input: is closed; redirect it from a file")
@@ -123,7 +124,7 @@ def _check_columns(columns: Sequence[str], electrodes: Sequence[str], name: str)
 
 
 def parse_cell(cell: Any) -> float:
-    """Return the number in a cell, or NaN if it is not a finite number."""
+    """Return the number in a cell, which may be a text, or NaN if it is not a finite number."""
     is_number = isinstance(cell, int | float) and not isinstance(cell, bool)
     if not is_number and not isinstance(cell, str):
         return math.nan
@@ -132,7 +133,11 @@ def parse_cell(cell: Any) -> float:
 
 
 def to_plain(value: Any) -> Any:
-    """Convert a value to a plain JSON value: floats get nine digits, and NaN becomes None."""
+    """Convert a value to a plain JSON value.
+
+    Floats are rounded to nine significant digits, and NaN becomes None. Integers and None are
+    returned as they are; anything else becomes a text.
+    """
     if isinstance(value, float):
         return None if math.isnan(value) else float(f"{value:.9g}")
     if value is None or isinstance(value, int):
@@ -143,23 +148,23 @@ def to_plain(value: Any) -> Any:
 def open_writer(
     stack: ExitStack, target: Path | None, table_format: str, columns: Sequence[str]
 ) -> Callable[[list[dict[str, Any]]], None]:
-    """Open a table for writing.
+    """Open a table for writing, and return a function that writes rows.
 
     Parameters
     ----------
     stack : ExitStack
         Context in which the table is written. A file replaces an existing one only at its end.
     target : Path or None
-        The file, or None for standard output, where rows are flushed at once.
+        Path of the file, or None for standard output.
     table_format : str
-        One of `EXTENSIONS`.
+        Format of the table, one of `EXTENSIONS`.
     columns : sequence of str
-        Names of the columns. Other cells of CSV rows are dropped.
+        Names of the columns of CSV; other cells of rows are left out. They are ignored for JSON.
 
     Returns
     -------
     callable
-        Function that writes a list of rows, each a dictionary by column.
+        Function that writes a list of rows, each a dictionary by column, and flushes the file.
     """
     file: TextIO = sys.stdout
     if target:
@@ -212,7 +217,10 @@ class _JsonWriter:
 
 
 def _parse_csv(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
-    """Yield a row whose cells are the columns of a CSV table, then its rows as they arrive."""
+    """Yield a list with the header of a CSV table as a row, then lists of its rows as they arrive.
+
+    A `FileError` is raised if a column occurs twice.
+    """
     header, *others = next(lines)
     columns = [column.strip() for column in _split_cells(header, header)]
     for column in sorted(columns):
@@ -238,9 +246,11 @@ def _split_cells(line: str, header: str) -> list[str]:
 
 
 def _parse_json(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
-    """Yield a row with the keys of the first JSON object, then all objects as they arrive.
+    """Yield a list with the first JSON object as a header, then lists of objects as they arrive.
 
-    The text is a list of objects, or has an object on each line.
+    The text is a list of objects, or has an object on each line. An object may extend over several
+    lines. A `FileError` is raised if the text is not JSON; values that are not objects are
+    incomplete rows without cells.
     """
     text = ""
     is_header_due = True

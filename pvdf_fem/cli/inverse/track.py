@@ -69,7 +69,7 @@ exit codes: 0 done, 2 bad input, or no row that can be used"""
 
 
 def add_parser(commands: Any) -> None:
-    """Register the `track` subcommand."""
+    """Add the `track` subcommand with its options to the parser of commands."""
     parser = add_scene_command(
         commands,
         "track",
@@ -88,7 +88,14 @@ def add_parser(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the `track` subcommand, and return its exit code."""
+    """Track touches in a stream of readings until it ends, and return the exit code.
+
+    Raises
+    ------
+    InputError
+        If options, the scene or the columns of the stream are invalid. The exception lists the
+        errors.
+    """
     scene = read_scene(options)
     from pvdf_fem.inverse.tracking.tracker import Tracker
     from pvdf_fem.problem.problem import Problem
@@ -105,9 +112,8 @@ def run(options: argparse.Namespace) -> int:
         errors.append(f"--unit V: {options.scene} has no [readout]; add one, or give pC")
     if errors:
         raise InputError(*errors)
-    compute_unloaded_integrals(
-        Problem.from_scene(scene)
-    )  # raises for a scene without them, before a response is built
+    # This raises an error if the film has no unloaded equilibrium, before a response is built.
+    compute_unloaded_integrals(Problem.from_scene(scene))
     electrodes = [electrode.name for electrode in scene.electrode_list]
     source = None if options.signals == "-" else Path(options.signals)
     name = str(source or "standard input")
@@ -158,16 +164,16 @@ class _Session:
         self.has_announced_settling = False
 
     def process(self, row: Row, time_column: str, electrodes: Sequence[str]) -> None:
-        """Update the tracker by a row of readings, and write the tracked row and ended touches.
+        """Update the tracker by a row of readings, and report the result and ended touches.
 
-        A malformed row does not change the tracker.
+        A row of results is written for each row. A malformed row does not change the tracker.
 
         Parameters
         ----------
         row : Row
-            A row of the input.
+            Row of the input with texts as cells.
         time_column : str
-            Name of the column with times.
+            Name of the column with times, one of `TIME_UNITS_S`.
         electrodes : sequence of str
             Names of the columns with readings.
         """
@@ -191,7 +197,11 @@ class _Session:
         self._report_touches()
 
     def finish(self) -> int:
-        """Report malformed rows and an unfinished touch, and return the exit code."""
+        """Print messages about the whole stream on standard error, and return the exit code.
+
+        They are about malformed rows, and about a touch that has not ended or the lack of any
+        touch. If all rows are malformed, the exit code is `ExitCode.BAD_INPUT`.
+        """
         if self.malformed_rows:
             count = f"{self.malformed_rows} of {self.rows} rows are malformed"
             self._print(f"{self.name}: {count} and were skipped")
@@ -204,14 +214,14 @@ class _Session:
         return ExitCode.CONVERGED
 
     def _report_malformed(self, defect: str, columns: int) -> None:
-        """Count a malformed row, and print a message about the first one."""
+        """Count a malformed row, and print a message if it is the first one."""
         self.malformed_rows += 1
         if self.malformed_rows == 1:
             advice = f"give {columns} numbers, or nan for missing readings"
             self._print(f"{self.name}: row {self.rows} has {defect}; {advice}")
 
     def _announce_settling(self, tracked: TrackRow) -> None:
-        """Print once until which time the baseline is learned."""
+        """Print until which time the baseline is learned, once and when this time is known."""
         end_s = self.tracker.settling_ends_s
         is_due = tracked.status == "settling" and not self.has_announced_settling
         if is_due and math.isfinite(end_s):
@@ -219,7 +229,10 @@ class _Session:
             self._print(f"settling until t_s = {end_s:.4g}: do not touch")
 
     def _report_touches(self) -> None:
-        """Write or print the touches that have ended since the previous row."""
+        """Report the touches that have ended since the previous row.
+
+        They are written as JSON among the rows, or printed on standard error.
+        """
         for summary in self.tracker.touches[self.reported_touches :]:
             if self.as_json:
                 self.write([{"summary": _to_plain_row(summary)}])
@@ -239,17 +252,17 @@ def _find_defect(row: Row, sample: dict[str, str], time_column: str) -> str:
     Parameters
     ----------
     row : Row
-        A row of the input.
+        Row of the input.
     sample : dict
-        Text cells of the time and the readings, by column.
+        Cells of the time and the readings of the row as texts, by column.
     time_column : str
-        The column of the time.
+        Name of the column with times.
 
     Returns
     -------
     str
-        The cells that are not numbers, the number of cells, or that the time is missing. Empty if
-        the row is valid.
+        The cells that are not numbers, or the number of cells if it is wrong, or that the time is
+        missing; the first that applies. Empty if the row can be used; readings may be missing.
     """
     wrong = {
         text for text in sample.values() if math.isnan(parse_cell(text)) and text not in MISSING
@@ -264,7 +277,7 @@ def _find_defect(row: Row, sample: dict[str, str], time_column: str) -> str:
 
 
 def _to_plain_row(row: TrackRow) -> dict[str, Any]:
-    """Convert a row to plain values for JSON and CSV; only times keep all their digits."""
+    """Convert a row to plain values for JSON and CSV, rounded to nine digits except ``t_s``."""
     values = asdict(row)
     plain = {name: to_plain(value) for name, value in values.items()}
     if not math.isnan(values["t_s"]):

@@ -89,7 +89,11 @@ class Laminate:
         self.plies = self._make_plies(frame)
 
     def _make_plies(self, frame: Array) -> list[Ply]:
-        """Make the plies: the film in one piece, or bare and covered parts, then its layers."""
+        """Make the plies: the film, then the layers in the order of ``film.layers``.
+
+        The film is one ply, or for a tension field with layers a bare part and a covered part,
+        which does not wrinkle. `frame` is the matrix from the scene's axes to those of the space.
+        """
         film = self.film
         law_class = LAWS[film.law]
         rim_strain: Array = np.zeros(3)
@@ -135,7 +139,7 @@ class Laminate:
         return stress if self._subtracted is None else stress - self._subtracted
 
     def at_points(self, points: Array) -> Laminate:
-        """Return a copy whose prestrain includes the added strain at some points.
+        """Return a copy whose prestrain includes the added strain at given points.
 
         A law that is not linear needs the added strain e for its stress. The `stress` of the copy
         is still without the linear elastic stress C : e, which callers add.
@@ -148,7 +152,7 @@ class Laminate:
         Returns
         -------
         Laminate
-            The copy; the laminate itself if it has no added strain.
+            The copy, or the laminate itself if `added` is None.
         """
         if self.added is None:
             return self
@@ -204,11 +208,12 @@ class Laminate:
         Returns
         -------
         ndarray, shape (3, 3) or (elements, points or 1, 3, 3)
-            A single matrix for a film without layers whose law is linear.
+            A single matrix for a film without layers whose law is linear; one matrix per element if
+            the laws of all plies are linear.
         """
-        film, *layers = self.plies
-        if not layers:
-            return film.law.tangent_stiffness(strain, film.prestrain)
+        first, *others = self.plies
+        if not others:
+            return first.law.tangent_stiffness(strain, first.prestrain)
         is_linear = all(ply.law.is_linear for ply in self.plies)
         total = np.zeros((len(strain), 1 if is_linear else strain.shape[1], 3, 3))
         for ply in self.plies:
@@ -217,14 +222,15 @@ class Laminate:
         return total
 
     def stored_energy(self, strain: Array, volumes: Array) -> float:
-        """Return the stored energy of all plies in J.
+        """Integrate the stored energy of all plies over the film, in J.
 
         Parameters
         ----------
         strain : ndarray, shape (elements, points, 3)
             Green-Lagrange strain.
         volumes : ndarray, shape (elements, points)
-            Volumes of the film at the quadrature points, without layers, in m³.
+            Quadrature weights times the thickness of the film alone, in m³. Other plies scale them
+            by their `thickness_ratio`.
         """
         total = 0.0
         for ply in self.plies:
@@ -234,5 +240,5 @@ class Laminate:
 
 
 def _select(values: Array, elements: Indices) -> Array:
-    """Select the values of some elements; uniform values, which have one axis, remain."""
+    """Return the values of some elements; uniform values, with one axis, are returned as is."""
     return values[elements] if values.ndim > 1 else values

@@ -42,7 +42,7 @@ class Law:
         self.stiffness: Array = stiffness
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Check that a subclass defines `energy` or `stress`.
+        """Check that a subclass defines `energy` or `stress`, or inherits one from a subclass.
 
         Raises
         ------
@@ -91,8 +91,8 @@ class Law:
     def _continue_stress(self, strain: Array, prestrain: Array, step: float = 1e-5) -> Array:
         """Return the stress for complex strains of a law that defines its energy only.
 
-        The stress is a complex-step derivative of the energy itself, so that a central difference
-        gives its derivative along the imaginary part: with strains that differ by up to `step`.
+        A complex step in the energy has given the real stress already. Its derivative along the
+        imaginary parts is therefore a central difference, of strains that change by up to `step`.
         """
         stress = self.stress(strain.real, prestrain.real)
         strain_change = strain.imag
@@ -119,7 +119,7 @@ class Law:
         return np.stack(columns, axis=-1)
 
     def compute_prestrain(self, film: Film, max_steps: int = 30) -> Array:
-        """Compute the prestrain of the flat clamped film.
+        """Compute the elastic strain of the flat clamped film.
 
         Parameters
         ----------
@@ -131,7 +131,8 @@ class Law:
         Returns
         -------
         ndarray, shape (3,)
-            Elastic strain whose stress is the prestress.
+            Elastic strain whose stress is ``film.prestress`` if the film has a pretension and the
+            law is not linear; otherwise ``film.prestrain``.
 
         Notes
         -----
@@ -143,6 +144,7 @@ class Law:
             return strain
         flat = np.zeros(3)
         for _ in range(max_steps):
+            # complex steps along each strain e give the rows of the transposed derivative
             rates = [self.stress(flat, strain + 1e-20j * e).imag for e in np.eye(3)]
             excess = self.stress(flat, strain) - film.prestress
             step = np.linalg.solve(1e20 * np.array(rates).T, excess)

@@ -95,7 +95,7 @@ class NeoHookean(Law):
         return np.asarray(factor[..., None, None] * stiffness)
 
     def energy(self, strain: Array, prestrain: Array) -> Array:
-        """Return the stored energy in J/m³ of the flat film.
+        """Return the stored energy in J per m³ of the flat film, up to a constant.
 
         Returns
         -------
@@ -106,17 +106,19 @@ class NeoHookean(Law):
         p11, p22, p12 = np.moveaxis(prestrain, -1, 0)
         trace = 2.0 * (e11 + e22 + p11 + p22) + 4.0 * (p11 * e11 + p22 * e22) + 2.0 * p12 * e12
         _, power = self._describe_deformed(strain)
-        if self.m == 0.0:
+        if self.m == 0.0:  # the limit of ((c0 c)^-m - 1)/m
             across = -np.log(_compute_determinant(strain) * _compute_determinant(prestrain))
         else:
             across = np.expm1(np.log(flat.power * power)) / self.m
         return np.asarray(0.5 * flat.modulus * (trace + across))
 
     def _describe_prestrained(self, prestrain: Array) -> _Prestrained:
+        """Return the factors c0^-m and mu/J0 of a prestrain."""
         c0 = _compute_determinant(prestrain)
         return _Prestrained(power=c0**-self.m, modulus=self.shear * c0 ** (0.5 * (self.m - 1.0)))
 
     def _describe_deformed(self, strain: Array) -> _Deformed:
+        """Return C^-1 and c^-m of a Green-Lagrange strain."""
         e11, e22, e12 = np.moveaxis(strain, -1, 0)
         c = _compute_determinant(strain)
         adjugate = np.stack([1.0 + 2.0 * e22, 1.0 + 2.0 * e11, -e12], axis=-1)

@@ -58,7 +58,10 @@ class TensionField(Hooke):
         self._values, self._vectors = eigh(ADJUGATE, self.compliance)
 
     def compute_prestrain(self, film: Film, max_steps: int = 30) -> Array:
-        """Return the film's prestrain of Hooke's law: the flat film is taut or without stress."""
+        """Return ``film.prestrain``, as for Hooke's law: the flat film is taut or without stress.
+
+        `max_steps` is ignored.
+        """
         return film.prestrain
 
     def stress(self, strain: Array, prestrain: Array | float = 0.0) -> Array:
@@ -77,6 +80,7 @@ class TensionField(Hooke):
             return self.stress(elastic.real) + 1j * apply_matrix(tangent, elastic.imag)
         stress = elastic @ self.stiffness
         is_taut = _is_nowhere_compressive(stress)
+        # slack: no principal strain is positive; the factor 0.5 turns engineering shear into E12
         is_slack = ~is_taut & _is_nowhere_compressive(-elastic * [1.0, 1.0, 0.5])
         is_wrinkled = ~is_taut & ~is_slack
         stress[is_slack] = 0.0
@@ -105,7 +109,7 @@ class TensionField(Hooke):
         return 0.5 * np.asarray((elastic * self.stress(elastic)).sum(axis=-1))
 
     def _compute_wrinkled_stress(self, strain: Array, max_steps: int = 60) -> Array:
-        """Compute the stress of wrinkled film.
+        """Compute the stress at strains at which the film is wrinkled.
 
         Parameters
         ----------
@@ -213,7 +217,7 @@ class TensionField(Hooke):
 
 
 def _is_nowhere_compressive(stress: Array) -> Mask:
-    """Return whether both principal values of stresses are positive or zero, shape (...)."""
+    """Return whether both principal values of tensors are positive or zero, shape (...)."""
     s11, s22, s12 = np.moveaxis(stress, -1, 0)
     return np.asarray((s11 + s22 >= 0.0) & (s11 * s22 >= s12**2))
 

@@ -51,8 +51,8 @@ def locate_contact_edge(
     degree : int
         Degree of the polynomial that is fitted to the film beside the contact.
     begin, end : float
-        Range of the fit along a ray, from the last point that touches, in mean sizes of the
-        touching elements.
+        Range of the fit along a ray: distances from the last point that touches, divided by the
+        mean size of the touching elements.
 
     Returns
     -------
@@ -61,10 +61,11 @@ def locate_contact_edge(
 
     Notes
     -----
-    The film leaves the tip tangentially. A polynomial is fitted to the smooth film beside the
-    contact along a ray from the core, and extrapolated into the contact: the edge is where it is
-    nearest to the tip. Beside a tip the deflection is about linear in the logarithm of the distance
-    from the tip's centre, so that this logarithm is the variable of the polynomial.
+    The film leaves the tip tangentially. Along rays from the tip's core (its flat face or lowest
+    point) a polynomial is fitted to the smooth film beside the contact, and extrapolated into the
+    contact: the edge is where the polynomial is nearest to the tip. Beside a tip the deflection is
+    about linear in the logarithm of the distance from the tip's centre, so that this logarithm is
+    the variable of the polynomial.
     """
     assert tip.spec.contact is not None
     width = tip.spec.contact.width
@@ -84,16 +85,18 @@ def locate_contact_edge(
         heights = gaps.values[:, i] - tip.tip.compute_profile(gaps.distances[:, i])[0]
         values = np.stack([heights, gaps.distances[:, i]], -1)
         film_fit, distance_fit = polynomial.polyfit(z, values, degree).T
-        nearest = np.log(max(1.0 - size / last_radius, 0.1))
-        fine = np.linspace(nearest, z[-1], 1500)
-        tip_height, _, _ = tip.tip.compute_profile(polynomial.polyval(fine, distance_fit))
+        # search from an element's size inside the last point that touches
+        start = np.log(max(1.0 - size / last_radius, 0.1))
+        fine = np.linspace(start, z[-1], 1500)
+        distances = polynomial.polyval(fine, distance_fit)
+        tip_height, _, _ = tip.tip.compute_profile(distances)
         gap = polynomial.polyval(fine, film_fit) + tip_height
         edge[i] = last_radius * np.exp(fine[gap.argmin()]) - core_radius
     return np.asarray(origins + edge[:, None] * rays.directions)
 
 
 def measure_contact_outlines(tip: RigidTip, state: State) -> dict[str, Outline]:
-    """Measure the outlines of the film that touches a tip, and of that on its flat face.
+    """Measure the outlines of the film that touches a tip and of the film on the tip's flat face.
 
     Parameters
     ----------
@@ -105,7 +108,8 @@ def measure_contact_outlines(tip: RigidTip, state: State) -> dict[str, Outline]:
     Returns
     -------
     dict of str to Outline
-        Outlines on the undeformed film by patch name; that of a flat face only if the tip has one.
+        Outlines on the undeformed film by patch name: that of the contact, and that of the flat
+        face if the tip has one.
     """
     outlines = {tip.spec.patch: tip.tip.fit_outline(locate_contact_edge(tip, state))}
     if tip.tip.face is not None:
@@ -116,7 +120,10 @@ def measure_contact_outlines(tip: RigidTip, state: State) -> dict[str, Outline]:
 
 
 def _make_rays(tip: RigidTip, width: float) -> _Rays:
-    """Make rays from a tip's core, through equally spaced points on the outline at `width` in m."""
+    """Make rays from a tip's core outwards.
+
+    They pass through equally spaced points on the outline at the distance `width` in m.
+    """
     line = tip.tip.make_offset_outline(width).inscribed_polygon.exterior
     fractions = np.arange(RAY_COUNT) / RAY_COUNT
     points = np.array([line.interpolate(t, normalized=True).coords[0] for t in fractions])
@@ -136,7 +143,8 @@ def _find_last_touching(tip: RigidTip, state: State, rays: _Rays, width: float) 
     rays : _Rays
         The rays.
     width : float
-        Estimated distance in m, which scales the search; it is returned for rays without contact.
+        Estimate of the distances in m. The search goes to three times this distance; a ray without
+        contact has the estimate as its result.
 
     Returns
     -------
@@ -146,7 +154,8 @@ def _find_last_touching(tip: RigidTip, state: State, rays: _Rays, width: float) 
     along = width * np.linspace(0.02, 3.0, 60)
     points = rays.origins + along[:, None, None] * rays.directions
     touches = _compute_gaps(tip, state, points).values <= 0.0
-    last = along[-1 - touches[::-1].argmax(axis=0)]
+    last_index = -1 - touches[::-1].argmax(axis=0)
+    last = along[last_index]
     return np.where(touches.any(axis=0), last, width)
 
 
@@ -157,7 +166,10 @@ def _interpolate_displacement(tip: RigidTip, state: State, points: Array) -> Arr
 
 
 def _compute_gaps(tip: RigidTip, state: State, points: Array) -> _Gaps:
-    """Compute the gaps between a tip and displaced points of the film, shape (..., 2)."""
+    """Compute the gaps between a tip and the displaced film.
+
+    `points` are points of the undeformed film in m, shape (..., 2).
+    """
     flat = points.reshape(-1, 2)
     displacement = _interpolate_displacement(tip, state, flat)
     distances = tip.tip.compute_distances(flat + displacement[:, :2]).value

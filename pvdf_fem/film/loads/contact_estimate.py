@@ -36,7 +36,7 @@ OVERLAP = 0.02
 
 @dataclass(frozen=True)
 class ContactEstimate:
-    """Estimate of the contact with a rigid tip, which sets the penalty on their overlap."""
+    """Estimate of a contact with a rigid tip, which sets the penalty on the overlap with it."""
 
     force: float  #: Force along z in N.
     width: float  #: Distance from the tip's core to the contact's edge in m.
@@ -46,7 +46,7 @@ class ContactEstimate:
 
     @classmethod
     def from_scene(cls, scene: Scene, probe: LoadedProbe) -> Self:
-        """Estimate the contact of a tip, one of the loaded probes of a scene."""
+        """Estimate the contact of a scene's film with the tip of one of its loaded probes."""
         film = scene.film
         force = estimate_load_force(probe.load, film)
         width = estimate_contact_width(probe, film)
@@ -63,7 +63,7 @@ class ContactEstimate:
 
 
 class PressedArea(NamedTuple):
-    """The area on which a probe presses, and its force."""
+    """The area on which a probe presses, and the force of the probe."""
 
     outline: Outline  #: Outline of the area on the undeformed film.
     force: float  #: Magnitude of the force in N.
@@ -90,7 +90,7 @@ def estimate_contact_outlines(scene: Scene) -> dict[str, Outline]:
 def estimate_tip_outlines(scene: Scene) -> dict[str, Outline]:
     """Estimate the outlines that a mesh should follow at a scene's tips, by patch name.
 
-    They enclose the contacts and the film on flat faces of tips, in the undeformed position.
+    Each contact has an outline, and so has the film on each flat face, in the undeformed position.
     """
     outlines = estimate_contact_outlines(scene)
     for probe in scene.tips:
@@ -107,9 +107,9 @@ def estimate_pressed_area(scene: Scene, probe: LoadedProbe) -> PressedArea:
     For a tip the area is that of the contact, for other probes that of the probe.
     """
     force = estimate_load_force(probe.load, scene.film)
-    size = math.hypot(*probe.load.components[:2], force)
+    magnitude = math.hypot(*probe.load.components[:2], force)
     outline = estimate_contact_outlines(scene).get(probe.patch, probe.outline)
-    return PressedArea(outline, size)
+    return PressedArea(outline, magnitude)
 
 
 def _move_to_undeformed_film(probe: LoadedProbe, film: Film, width: float) -> Tip:
@@ -141,7 +141,8 @@ def _move_to_undeformed_film(probe: LoadedProbe, film: Film, width: float) -> Ti
     tension = estimate_tension(film, force, edge_radius) - unloaded_tension
     biaxial_modulus = film.stiffness[:2, :2].sum(axis=0).mean()
     stretch = STRETCH_FACTOR * tension / film.thickness / biaxial_modulus
-    return tip.move(-DRIFT_FACTOR * (deflection / film.radius) ** 2 * centre, -stretch)
+    drift = DRIFT_FACTOR * (deflection / film.radius) ** 2 * centre
+    return tip.move(-drift, -stretch)
 
 
 def format_face_patch(probe: LoadedProbe) -> str:
@@ -150,7 +151,7 @@ def format_face_patch(probe: LoadedProbe) -> str:
 
 
 def estimate_contact_width(probe: LoadedProbe, film: Film, halvings: int = 60) -> float:
-    """Estimate the width of a contact around a tip's core.
+    """Estimate the distance by which a contact extends beyond the core of a tip.
 
     Parameters
     ----------

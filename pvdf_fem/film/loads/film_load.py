@@ -45,7 +45,7 @@ class FilmLoad(LoadTerm):
     @property
     @abstractmethod
     def traction(self) -> float:
-        """Force along z per undeformed area in Pa, as the scene has it, without `factor`."""
+        """Force along z per undeformed area in Pa by the keys of the film, without `factor`."""
 
     @property
     def pressure(self) -> float:
@@ -64,7 +64,7 @@ class FilmLoad(LoadTerm):
         return other
 
     def forces(self, state: State) -> Array:
-        """Return the forces in N.
+        """Return the forces in N, which do not depend on the state.
 
         Returns
         -------
@@ -95,7 +95,7 @@ class FilmPressure(FilmLoad):
         return self.film.pressure_Pa or 0.0
 
     def forces(self, state: State) -> Array:
-        """Return the forces in N.
+        """Return the forces in N, along z or normal to the deformed film.
 
         Returns
         -------
@@ -116,7 +116,7 @@ class FilmPressure(FilmLoad):
     def with_frozen_loads(self) -> Self:
         """Return a copy whose pressure stays along z (dead load) instead of following the film.
 
-        A pressure along z returns itself.
+        If the pressure acts along z already, the load itself is returned.
         """
         if self.conservative:
             return self

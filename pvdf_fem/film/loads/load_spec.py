@@ -20,10 +20,10 @@ Pressure: TypeAlias = Callable[[Array, Array], ArrayLike]
 
 @dataclass(frozen=True)
 class LoadSpec(LoadedProbe):
-    """A loaded probe of a scene, with what the scene's keys do not say about its load."""
+    """A loaded probe of a scene, with the data of its load that are not keys of the scene."""
 
     pressure: Pressure | None = None  #: Pressure in place of the load's profile.
-    contact: ContactEstimate | None = None  #: Estimate of the contact; None unless it is a tip.
+    contact: ContactEstimate | None = None  #: Estimate of a tip's contact; None for other probes.
     #: Number of the auxiliary node with the tip's depth; None if the depth is not an unknown.
     auxiliary_node: int | None = None
 
@@ -36,7 +36,7 @@ def require_usable_pressure(scene: Scene, pressure: Pressure | None) -> None:
     Parameters
     ----------
     scene : Scene
-        The scene whose probe presses.
+        The scene, for its probes and the kind and profile of its load.
     pressure : callable or None
         Function ``p(x_mm, y_mm)``; None is always allowed.
 
@@ -64,7 +64,8 @@ def require_usable_pressure(scene: Scene, pressure: Pressure | None) -> None:
 def make_load_specs(scene: Scene, pressure: Pressure | None = None) -> tuple[LoadSpec, ...]:
     """Make the specifications of the loads of all loaded probes of a scene.
 
-    `pressure` replaces the profile of every load.
+    `pressure`, if it is given, replaces the profile of every load. Tips get an estimate of their
+    contact, and an auxiliary node if their depth is unknown.
     """
     specs = []
     auxiliary_nodes = 0

@@ -79,7 +79,7 @@ class ProbeLoad(LoadTerm):
         return other
 
     def integrate_on_film(self, weighted: Array) -> float:
-        """Sum an integrand over the probe's patch on the whole film, given on the solved sector.
+        """Integrate over the probe's patch on the whole film, from values on the solved sector.
 
         Parameters
         ----------
@@ -145,6 +145,11 @@ class DeadPressure(PatchLoad):
     def traction(self, deformation_gradient: Array) -> Array:
         """Return the mean traction per undeformed area in Pa, without the load's profile.
 
+        Parameters
+        ----------
+        deformation_gradient : ndarray, shape (..., 3, 2)
+            Used only for its shape.
+
         Returns
         -------
         ndarray, shape (..., 3)
@@ -201,8 +206,8 @@ class DeadPressure(PatchLoad):
     def _quadrature(self) -> tuple[Array, Array]:
         """Quadrature on the patch, whose weights are multiplied by the load's profile.
 
-        Shape functions, shape (n, points, functions), and weights in m², shape (n, points), in the
-        order of the patch's elements.
+        A pair of arrays: shape functions, shape (n, points, functions), and weights in m² times the
+        profile, shape (n, points). Elements are in the order of `patch`.
 
         Raises
         ------
@@ -225,7 +230,7 @@ class FollowerPressure(PatchLoad):
     conservative = False
 
     def traction(self, deformation_gradient: Array) -> Array:
-        """Return the traction per undeformed area in Pa.
+        """Return the pressure along the deformed film's normal, per undeformed area in Pa.
 
         Returns
         -------
@@ -251,7 +256,7 @@ class FollowerPressure(PatchLoad):
 
 
 def integrate_traction(space: Space, elements: Selection, traction: Array) -> Array:
-    """Integrate a traction over elements to nodal forces.
+    """Compute the nodal forces of a traction on elements.
 
     Parameters
     ----------
@@ -273,7 +278,10 @@ def integrate_traction(space: Space, elements: Selection, traction: Array) -> Ar
 
 
 def compute_normal(deformation_gradient: Array) -> Array:
-    """Compute the film's normal, whose length is the ratio of deformed to undeformed area.
+    """Compute the normal of the deformed film, with the ratio of areas as its length.
+
+    The ratio is that of the deformed to the undeformed area. `deformation_gradient` has the shape
+    (..., 3, 2).
 
     Returns
     -------

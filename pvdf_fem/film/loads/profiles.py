@@ -81,7 +81,7 @@ class Profile(ABC):
         """
 
     def mean(self, shape: shapely.Geometry) -> float:
-        """Return an approximate mean of the profile over a shape in m in the scene's axes."""
+        """Approximate the mean of the profile over a shape, given in m in the scene's axes."""
         return average_over(shape, self)
 
     def make_error(self, reason: str) -> SceneError:
@@ -95,7 +95,7 @@ class Uniform(Profile):
     order = None
 
     def __call__(self, points: Array) -> Array:
-        """Return ones, one for each point."""
+        """Return a pressure of 1 at each point."""
         return np.ones(points.shape[:-1])
 
 
@@ -184,7 +184,7 @@ def make_profile(spec: LoadSpec) -> Profile:
     Raises
     ------
     SceneError
-        If its file cannot be read, or does not contain a grid.
+        If its file cannot be read, does not contain a grid, or has another digest than its name.
     """
     if spec.pressure is not None:
         return CallableProfile(spec, spec.pressure)
@@ -201,12 +201,13 @@ def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
     Parameters
     ----------
     scenes : iterable of Scene
-        The scenes.
+        Scenes whose loads may have profile files.
 
     Returns
     -------
     list of Scene
-        The scenes; scenes without profile files are returned as they are.
+        Copies with the new names, in the same order; a scene without a name to replace is returned
+        itself.
 
     Raises
     ------
@@ -230,7 +231,10 @@ def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
 
 
 def _read_profile(profile: str, max_bytes: int = 20_000_000) -> _ProfileFile:
-    """Read a profile file; if its name ends with a digest, check that the content has it."""
+    """Read a profile file; if `profile` ends with a digest, check that the content has it.
+
+    Raises `SceneError` for a file that cannot be used or has another digest.
+    """
     name, _, wanted_digest = profile.partition(DIGEST_MARK)
     try:
         content = read_bytes(Path(name), max_bytes, "a pressure profile")
@@ -247,7 +251,10 @@ def _read_profile(profile: str, max_bytes: int = 20_000_000) -> _ProfileFile:
 
 @lru_cache(maxsize=8)
 def _interpolate_table(name: str, content: bytes) -> GridFunction:
-    """Interpolate the table in a file's content: netCDF if its name ends with .nc, else CSV."""
+    """Return a function that interpolates the table in a file's content, zero outside the grid.
+
+    The content is netCDF if the file's name ends with .nc, and otherwise CSV.
+    """
     from scipy.interpolate import RegularGridInterpolator  # slow to import
 
     table = _read_netcdf(name, content) if name.endswith(".nc") else _read_csv(name, content)
@@ -270,7 +277,7 @@ def _read_netcdf(name: str, content: bytes) -> _GridTable:
 def _read_csv(name: str, content: bytes) -> _GridTable:
     """Read the columns x_mm, y_mm and pressure; the rows may be in any order.
 
-    Raises ValueError unless they have one finite pressure for every point of a grid.
+    Raises `ValueError` unless the rows have one finite pressure for every point of a grid.
     """
     heading, *lines = decode_text(Path(name), content).splitlines()
     columns = [column.strip() for column in heading.split(",")]

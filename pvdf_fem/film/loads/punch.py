@@ -21,9 +21,9 @@ from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
 @dataclass(frozen=True)
 class PunchTilt:
-    """The tilt of a punch, and the moments with which its guide holds it.
+    """The tilt of a punch, and the moments by which its guide resists the tilt.
 
-    Both are about axes along x and y through the punch's centroid.
+    Each pair has the values about the axes along x and along y through the punch's centroid.
     """
 
     tilt_deg: tuple[float, float]
@@ -57,7 +57,11 @@ class Punch(DeadPressure):
         self.constraints = self._make_constraints()
 
     def _make_constraints(self) -> Constraints:
-        """Make the constraints on the dofs under the punch: fixed, shared, or a linear motion."""
+        """Make the constraints on the dofs under the punch.
+
+        u and v are zero for a sticking punch, a shared unknown each with a tangential force, and
+        free otherwise. w is a shared unknown, or a linear function for a punch that tilts freely.
+        """
         u, v, w = 3 * self._nodes, 3 * self._nodes + 1, 3 * self._nodes + 2
         load = self.spec.load
         fixed = NO_INDICES
@@ -81,15 +85,17 @@ class Punch(DeadPressure):
         )
 
     def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
-        """Return the reactions along z at the nodes under the punch, which press on the film.
+        """Return the forces that press on the film: the reactions along z under the punch.
 
-        The reaction at a node is distributed equally to the elements around it.
+        The reaction at a node is distributed equally to the elements of the patch that share it.
         """
         node_count = self.space.basis.N
         nodes = self.space.nodes[self.patch]
         element_counts = np.maximum(np.bincount(nodes.ravel(), minlength=node_count), 1)
-        reactions = (residual + self.forces(state))[2::3][:node_count] / element_counts
-        return ElementForces(self.patch, reactions[nodes].sum(axis=1))
+        # without the load's own forces, the residual is what the punch transmits to the film
+        reactions = (residual + self.forces(state))[2::3][:node_count]
+        reactions_per_element = reactions / element_counts
+        return ElementForces(self.patch, reactions_per_element[nodes].sum(axis=1))
 
     def compute_tilt(self, state: State, residual: Array) -> PunchTilt:
         """Compute the tilt of the punch and the moments of its guide.
@@ -103,8 +109,9 @@ class Punch(DeadPressure):
         """
         w = 3 * self._nodes + 2
         columns = np.column_stack([np.ones(len(w)), self._arms])
+        # a rotation about x inclines the deflection along y, one about y along x with a minus sign
         _, slope_x, slope_y = np.linalg.lstsq(columns, state.dofs[w], rcond=None)[0]
         tilt_x, tilt_y = np.degrees(np.arctan([slope_y, -slope_x])).tolist()
         reactions = (residual + self.forces(state))[w]
-        about_y, about_x = (1e3 * (reactions @ self._arms)).tolist()
-        return PunchTilt((tilt_x, tilt_y), (about_x, -about_y))
+        sum_x, sum_y = (1e3 * (reactions @ self._arms)).tolist()  # of arm times reaction, in N mm
+        return PunchTilt((tilt_x, tilt_y), (sum_y, -sum_x))

@@ -33,7 +33,7 @@ from pvdf_fem.film.term import (
 )
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 
-#: Maximum overlap as a fraction of the depth, that of the softest tip.
+#: Overlap as a fraction of the depth that no tip exceeds, not even the softest one.
 MAX_SOFTNESS = 0.1
 #: Factor by which `RigidTip.relaxed` increases the softness.
 SOFTNESS_STEP = 10.0
@@ -44,7 +44,7 @@ class Overlap:
     """The overlap of film and tip at the quadrature points of all elements."""
 
     depth: float  #: Depth of the tip's lowest point in m.
-    #: The overlap in m, negative where there is a gap, shape (elements, points).
+    #: The overlap in m, negative for a gap, -inf where no tip can press, shape (elements, points).
     value: Array
     #: Derivatives of the overlap with respect to the displacement, -z_x, -z_y and -1, shape
     #: (elements, points, 3).
@@ -127,9 +127,9 @@ class RigidTip(ProbeLoad):
     # --- hints for the solver
 
     def relaxed(self) -> Term:
-        """Return a softer copy of the tip, which overlaps with the film more.
+        """Return a copy of the tip with a larger `softness`, which overlaps with the film more.
 
-        The softest tip returns a dead pressure on the estimated contact.
+        If `softness` would exceed `MAX_SOFTNESS`, a dead pressure on the patch is returned instead.
         """
         if self.softness > 0.1 * MAX_SOFTNESS:
             return DeadPressure(self.spec, self.space, self.sector).with_components(self.components)
@@ -139,10 +139,10 @@ class RigidTip(ProbeLoad):
         return other
 
     def complete_initial_guess(self, x: Array) -> Array:
-        """Return the dofs `x` changed so that tip and film touch lightly.
+        """Return a copy of the dofs `x`, changed so that tip and film touch, or `x` itself.
 
-        An unknown depth that is still zero is set so that the overlap balances the force. For a
-        prescribed depth the deflection of a film below the tip is reduced.
+        An unknown depth that is still zero is set so that the overlap balances the force; another
+        one remains. For a prescribed depth, a film that lies below the tip is moved up to it.
         """
         if not self.has_unknown_depth:
             return self._lift_film(x)
@@ -160,26 +160,31 @@ class RigidTip(ProbeLoad):
         """
         # the depth in `x` is zero: minus the overlap is the depth at which a point begins to touch
         touch_depth = -self._compute_overlap(x).value
-        order = np.argsort(touch_depth, axis=None)[: np.isfinite(touch_depth).sum()]
+        # points that the tip cannot press have infinite depths, which are sorted last and left out
+        finite_count = np.isfinite(touch_depth).sum()
+        order = np.argsort(touch_depth, axis=None)[:finite_count]
         depths = touch_depth.ravel()[order]
         weights = self.space.weights.ravel()[order]
         areas = np.cumsum(weights)
         moments = np.cumsum(weights * depths)
+        overlap_volumes = areas * depths - moments  # for a tip at each of the depths
         needed = self._force_on_sector / self.penalty
-        last = np.searchsorted(areas * depths - moments, needed, side="right") - 1
+        last = np.searchsorted(overlap_volumes, needed, side="right") - 1
         return float((needed + moments[last]) / areas[last])
 
     def _lift_film(self, x: Array) -> Array:
-        """Scale down the dofs `x` so that a film below a tip of prescribed depth just touches it.
+        """Scale down the dofs `x` until a film below a tip of prescribed depth just touches it.
 
-        A film that touches the tip already is returned as it is.
+        `x` itself is returned if the film touches the tip already, or if only a mirror image of the
+        tip presses on the solved sector.
         """
         overlap = self._compute_overlap(x)
-        deepest = np.unravel_index(overlap.value.argmax(), overlap.value.shape)
-        if not np.isfinite(overlap.depth) or overlap.is_touching[deepest]:
+        nearest = np.unravel_index(overlap.value.argmax(), overlap.value.shape)
+        if not np.isfinite(overlap.depth) or overlap.is_touching[nearest]:
             return x
-        lift = self.softness * overlap.depth - overlap.value[deepest]
-        deflection = self.compute_deformed_points(x)[deepest][2]
+        wanted_overlap = self.softness * overlap.depth
+        lift = wanted_overlap - overlap.value[nearest]
+        deflection = self.compute_deformed_points(x)[nearest][2]
         return x * max(1.0 - lift / deflection, 0.0)
 
     # --- the overlap
@@ -191,7 +196,10 @@ class RigidTip(ProbeLoad):
         return self._last_overlap[1]
 
     def _compute_overlap(self, x: Array) -> Overlap:
-        """Compute the overlap of the tip with the film at the dofs `x`."""
+        """Compute the overlap of the tip with the film at the dofs `x`.
+
+        It is -inf below a flat face, and everywhere if only a mirror image of the tip presses.
+        """
         points = self.compute_deformed_points(x)
         frame = self.sector.frame
         shape = points.shape[:2]
@@ -236,7 +244,7 @@ class RigidTip(ProbeLoad):
     # --- the term
 
     def tractions(self, state: State) -> Array:
-        """Return tractions along z times quadrature weights in N.
+        """Return the penalty's tractions along z times the quadrature weights, in N.
 
         Returns
         -------
@@ -297,7 +305,7 @@ class RigidTip(ProbeLoad):
         return ElementMatrices(elements, local.reshape(len(elements), dofs, dofs))
 
     def _point_stiffness(self, state: State, elements: Indices, weighted: Array) -> Array:
-        """Differentiate minus the tractions with respect to the displacement at constant depth.
+        """Differentiate minus the tip's forces on the film by the displacement at constant depth.
 
         Parameters
         ----------
@@ -322,7 +330,7 @@ class RigidTip(ProbeLoad):
         return stiffness
 
     def coupled_tangent(self, assembly: MatrixAssembler, state: State) -> sp.csc_matrix | None:
-        """Return the row and the column of an unknown depth in the tangent; None without one.
+        """Return the row and the column of an unknown depth in the tangent, else None.
 
         Returns
         -------
@@ -371,7 +379,7 @@ class RigidTip(ProbeLoad):
         return actions
 
     def action(self, state: State, x: Array) -> Array:
-        """Multiply the tangent, with the row and column of the depth, by the dofs `x`."""
+        """Multiply the tangent, with row and column of an unknown depth, by `x`; return N."""
         forces = self.space.sum_at_dofs(self.element_action(state, x))
         if self.has_unknown_depth:
             force_rates, total_rate = self._depth_rates(state)
@@ -381,7 +389,7 @@ class RigidTip(ProbeLoad):
         return forces
 
     def diagonal(self, state: State) -> Array:
-        """Return the diagonal of the tangent in N/m, with that of an unknown depth."""
+        """Return the diagonal of the tangent in N/m, with the entry of an unknown depth."""
         elements, weighted = self._touching_tractions(state)
         stiffness = np.einsum("epii->epi", self._point_stiffness(state, elements, weighted))
         values = self.space.values[elements]
@@ -400,9 +408,9 @@ class RigidTip(ProbeLoad):
         return ElementForces(elements, weighted.sum(axis=1))
 
     def compute_contact_radius(self, state: State) -> float:
-        """Return the maximum distance in m of touching points from the film's centre.
+        """Return the maximum distance in m from the film's centre at which the film touches.
 
-        It is that of undeformed quadrature points; 0 if none touches.
+        Distances are those of quadrature points on the undeformed film; 0 if none touches.
         """
         touching = self.space.quadrature_points[self.overlap(state).is_touching]
         return float(np.linalg.norm(touching, axis=1).max(initial=0.0))

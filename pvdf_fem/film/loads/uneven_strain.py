@@ -23,7 +23,7 @@ from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 
 def compute_mean_warming(fourier: float, terms: int = 12) -> float:
-    """Compute the temperature of a plate heated on one face, averaged over the thickness.
+    """Compute the mean temperature over the thickness of a plate heated on one face.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def describe_heat_effects(
     heat_capacity: float = 1300.0,
     heat_transfer: float = 10.0,
 ) -> Iterator[EffectNote]:
-    """Describe the effects of heat on the charges.
+    """Yield notes about the effects of heat on the charges.
 
     Parameters
     ----------
@@ -83,8 +83,8 @@ def describe_heat_effects(
     Yields
     ------
     EffectNote
-        For each warm probe two effects that are always neglected; then the charge by warming of the
-        electrode that it affects most, if there is any.
+        For each warm probe, two effects that are always neglected. Then the charge by warming, of
+        the film or by probes, on the electrode with the largest one, unless it is zero.
     """
     film = scene.film
     seconds = film.thickness * film.density * heat_capacity / (2.0 * heat_transfer)
@@ -114,10 +114,11 @@ def describe_heat_effects(
 
 
 def _estimate_misplaced_heat(outline: Outline, heat_length: float) -> float:
-    """Estimate the error of the heat beside a probe, as a fraction of the heat below the probe.
+    """Estimate the error of `UnevenStrain` in the heat beside a probe.
 
-    `UnevenStrain` is exact for straight edges. A right-angled corner spreads less heat by about
-    2.5 κ t in area. For an outline without corners the error grows with its deviation from a disc.
+    It is a fraction of the heat below the probe. `UnevenStrain` is exact for straight edges. A
+    right-angled corner spreads less heat by about 2.5 κ t in area. For an outline without corners
+    the error grows with its deviation from a disc.
     """
     area = outline.area
     bulge = outline.perimeter**2 / (4.0 * np.pi * area) - 1.0
@@ -152,7 +153,7 @@ class UnevenStrain:
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Self | None:
-        """Make the added strain of a scene; None if its prestrain is uniform."""
+        """Make the added strain of a scene; None without warm probes and rim displacements."""
         warm = tuple(probe for probe in scene.loaded_probes if probe.probe.temperature_K)
         if warm or scene.film.rim_displacement_um:
             return cls(scene.film, warm)
@@ -182,7 +183,8 @@ class UnevenStrain:
             if not len(outline.corners):
                 radius = np.sqrt(outline.area / np.pi)
                 fall *= np.sqrt(radius / (radius + d))
-            mean = compute_mean_warming(0.25 * (heat_length / self.film.thickness) ** 2)
+            fourier = 0.25 * (heat_length / self.film.thickness) ** 2
+            mean = compute_mean_warming(fourier)
             total += (probe.probe.temperature_K or 0.0) * mean * fall
         return total.reshape(points.shape[:-1])
 

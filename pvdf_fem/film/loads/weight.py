@@ -1,4 +1,4 @@
-"""The film's weight as a load, and an estimate of its effect where it is neglected."""
+"""The film's weight as a load, and an estimate of its effect if it is neglected."""
 
 from __future__ import annotations
 
@@ -25,15 +25,16 @@ def estimate_weight_effect(scene: Scene, gravity_m_s2: float = 9.80665) -> float
     Parameters
     ----------
     scene : Scene
-        The scene, without gravity.
+        The scene, whose own ``film.gravity_m_s2`` is ignored.
     gravity_m_s2 : float
-        Acceleration that would cause the weight.
+        Acceleration in m/s² that would cause the weight.
 
     Returns
     -------
     float
-        Change of a charge by the weight, as a fraction of the charge by the probe, for the
-        electrode with the largest change. Probes with a prescribed depth are left out.
+        Change of an electrode's charge by the weight, as a fraction of the charge by a probe: the
+        maximum over all electrodes and probes. Probes with a prescribed depth or without a force
+        are left out; 0 if no probe or no electrode remains.
 
     Notes
     -----
@@ -54,7 +55,10 @@ def estimate_weight_effect(scene: Scene, gravity_m_s2: float = 9.80665) -> float
 
 
 def describe_weight(scene: Scene) -> Iterator[EffectNote]:
-    """Yield a note about the weight, unless it is neglected and smaller than the tolerance."""
+    """Yield a note about the weight, unless it is neglected and its estimated effect negligible.
+
+    A neglected weight is negligible if the relative change of charges is within the tolerance.
+    """
     gravity = scene.film.gravity_m_s2
     if gravity:
         pressure = format_two_digits(scene.film.weight)
@@ -63,7 +67,8 @@ def describe_weight(scene: Scene) -> Iterator[EffectNote]:
         return
     change = estimate_weight_effect(scene)
     if change > scene.numerics.tolerance:
-        percent = format_two_digits(100.0 * min(change, 1.0))
+        bounded = min(change, 1.0)  # the estimate holds for small changes only
+        percent = format_two_digits(100.0 * bounded)
         size = f"could change a charge by up to {percent} %"
         text = f"weight: {size}; to include it give film.gravity_m_s2, along z"
         yield EffectNote(False, text)

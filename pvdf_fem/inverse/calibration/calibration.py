@@ -104,6 +104,8 @@ class Calibration(Result):
         """
         fit = self.fit
         is_used = fit.is_used
+        # The residuals are whitened with the errors of the positions; here they are in the unit of
+        # the readings again, and weighted with the errors of the readings alone.
         whitened = fit.compute_deleted_residuals().residuals[is_used][..., None]
         residuals = fit.whitened.roots[is_used] @ whitened
         weights = 1.0 / fit.deviations[is_used][..., None]

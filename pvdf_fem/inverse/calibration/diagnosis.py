@@ -115,7 +115,8 @@ def _find_corrections(fit: CalibrationFit) -> list[FittedCorrection]:
     fitted = []
     if fit.model.is_solved.any():
         fitted = _fit_corrections(fit, _propose_reading_corrections(fit.model))
-    # A wrong frame may look like swapped or dead channels, but not like other wrong readings.
+    # A wrong frame may look like swapped or dead channels, but not like other wrong readings. So
+    # touches are corrected if nothing else was found.
     ambiguous = {CalibrationStatus.SWAPPED, CalibrationStatus.CHANNEL}
     if {each.correction.status for each in fitted} <= ambiguous:
         fitted += _fit_corrections(fit, _propose_touch_corrections(fit))
@@ -186,8 +187,8 @@ def _score_correction(fit: CalibrationFit, correction: Correction) -> float:
     model = fit.model.with_table(correction.table, correction.reading)
     if not model.is_solved.any():
         count = model.options.ranking_touches
-        few = np.linspace(0, len(correction.table) - 1, count).astype(int)
-        table = correction.table.select(np.unique(few).tolist())
+        indices = np.linspace(0, len(correction.table) - 1, count).astype(int)
+        table = correction.table.select(np.unique(indices).tolist())
         model = model.with_table(table, correction.reading)
         model.solve_touches(
             initial,
@@ -328,7 +329,7 @@ def _list_frames(probe_loads: Array, has_rotation: bool) -> Iterator[tuple[str, 
 
 
 def describe_outlier(fit: CalibrationFit, index: int) -> str:
-    """Describe why a touch does not fit: its position, or its force or readings.
+    """Describe whether the position of a rejected touch may be wrong, or its force or readings.
 
     The best change of the position and the best change of the force are compared by linear least
     squares; the text names the one with the smaller remaining residuals.

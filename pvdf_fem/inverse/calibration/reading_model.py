@@ -249,19 +249,19 @@ class ReadingModel:
         """
         is_required = self.reading == "change"
 
-        def solve_unloaded(changed: Scene) -> Array:
-            """Solve the stress integrals of the unloaded film for changed parameters."""
+        def compute_integrals(changed: Scene) -> Array:
+            """Compute the stress integrals of the unloaded film of a changed scene."""
             return compute_unloaded_integrals(
                 Problem.from_scene(changed), required=is_required
             ).values
 
         integrals = np.zeros((1 + len(self.keys), len(self.channels), 2))
-        integrals[0] = solve_unloaded(scene)
+        integrals[0] = compute_integrals(scene)
         for row, key in enumerate(self.parameters.film_keys, 1 + len(TOUCH_SCENE_KEYS)):
             value = get_parameter(scene, key)
             step = UNLOADED_STEP * (abs(value) if value else 1.0)
-            higher = solve_unloaded(scene.with_(**{key: value + step}))
-            lower = solve_unloaded(scene.with_(**{key: value - step}))
+            higher = compute_integrals(scene.with_(**{key: value + step}))
+            lower = compute_integrals(scene.with_(**{key: value - step}))
             integrals[row] = (higher - lower) / (2.0 * step)
         return integrals
 
@@ -329,6 +329,11 @@ class ReadingModel:
             Values of the parameters.
         place_corrections_mm : ndarray, shape (touches, 2)
             Corrections of the positions on the stage in mm.
+
+        Returns
+        -------
+        Prediction
+            Readings extrapolated from the last solves. Those of unsolved touches are meaningless.
         """
         count = len(values)
         step = COMPLEX_STEP

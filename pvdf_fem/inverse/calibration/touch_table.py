@@ -69,7 +69,7 @@ class TouchTable:
         return self.probe_loads[:, TouchColumn.FORCE]
 
     def select(self, indices: Sequence[int]) -> TouchTable:
-        """Return a table of the touches with the given indices, without notes."""
+        """Return a table of the touches with the given indices (not rows), without notes."""
         return TouchTable(self.rows[indices], self.probe_loads[indices], self.readings[indices])
 
 

@@ -36,9 +36,8 @@ def find_initial_candidates(
     count : int
         Number of candidates, limited to the number of positions of the grid.
     each_rotation : bool
-        Whether to find `count` candidates per row for each rotation of the grid, or `count`
-        candidates per row in all, the best of all rotations. If the rotation is fixed, there is one
-        rotation.
+        Whether to find `count` candidates per row for each rotation of the grid; otherwise `count`
+        candidates per row in all, the best of all rotations. Ignored if the rotation is fixed.
 
     Returns
     -------
@@ -85,7 +84,7 @@ def _select_nodes(
     log_forces: Array | None,
     count: int,
 ) -> NodeSelection:
-    """Select nodes for all rows of measured charges at several rotations.
+    """Select the nodes of a coarse grid that fit each row of charges, at several rotations.
 
     Parameters
     ----------
@@ -125,7 +124,22 @@ def _select_nodes(
 
 
 def _group_rows(rotations: Indices, max_rows: int) -> Iterator[tuple[int, Indices]]:
-    """Group rows by their rotation; yield a rotation with at most `max_rows` rows at once."""
+    """Group the rows of charges by rotation of the grid, in groups of limited size.
+
+    Parameters
+    ----------
+    rotations : ndarray of int, shape (rows,)
+        Index of the rotation of each row.
+    max_rows : int
+        Maximum number of rows in a group; more rows with one rotation give several groups.
+
+    Yields
+    ------
+    rotation : int
+        Index of the rotation.
+    rows : ndarray of int
+        Indices of the rows of the group.
+    """
     for rotation in np.unique(rotations).tolist():
         rows = np.flatnonzero(rotations == rotation)
         for first in range(0, len(rows), max_rows):

@@ -151,7 +151,7 @@ class _Request:
     def find_errors(
         self, scene: Scene, unloaded_charges: UnloadedCharges | None = None
     ) -> Iterator[str]:
-        """Find validation errors of readings, unit and standard deviations."""
+        """Yield an error message for each mistake in readings, unit and standard deviations."""
         return find_reading_errors(
             scene,
             self.readings_pC,
@@ -163,7 +163,7 @@ class _Request:
         )
 
     def make_measurement(self, response: ChargeFunction) -> Measurement:
-        """Make the measurement of a response's electrodes that have readings."""
+        """Describe how the electrodes with readings are read: channels, noise and meaning."""
         return Measurement.from_response(
             response,
             tuple(self.readings_pC),
@@ -187,14 +187,15 @@ def _convert_to_pC(scene: Scene, readings: Mapping[str, float], unit: str) -> Ma
     scene : Scene
         Scene with the readout.
     readings : mapping
-        Readings by electrode. Anything that is not a number is left for the validation to report.
+        Readings by electrode, or anything else.
     unit : str
         Unit of the readings; an unknown unit counts as pC.
 
     Returns
     -------
     mapping
-        Readings in nominal pC by electrode.
+        Readings in nominal pC by electrode. Values that are not numbers, and readings that are not
+        a mapping, are returned as they are, for the validation to report.
     """
     if unit == "pC" or not isinstance(readings, Mapping):
         return readings
@@ -210,9 +211,10 @@ def _convert_to_pC(scene: Scene, readings: Mapping[str, float], unit: str) -> Ma
 def _locate_by_response(
     response: ChargeFunction, request: _Request, known: Mapping[str, float]
 ) -> Location:
-    """Locate one touch by means of a response.
+    """Locate one touch from the charges of a response.
 
-    If no touch explains the readings, common mistakes in the readings are tried.
+    If no touch explains the readings, common mistakes in the readings are tried. A `ValueError` is
+    raised if arguments are invalid.
 
     Parameters
     ----------
@@ -255,7 +257,7 @@ def _locate_by_response(
 def _fix_coordinates(
     values: Mapping[str, float], unknown: Sequence[str], centre_mm: tuple[float, float]
 ) -> dict[int, float]:
-    """Compute the coordinates of the fixed quantities by column.
+    """Convert the values of the fixed quantities to coordinates, by column.
 
     Parameters
     ----------
@@ -286,6 +288,8 @@ def _locate_by_solves(
     scene: Scene, request: _Request, progress: Progress | bool | None
 ) -> Location:
     """Locate one touch or two simultaneous touches by full solves of a scene.
+
+    A `ValueError` is raised if arguments are invalid.
 
     Parameters
     ----------
@@ -323,13 +327,13 @@ def _locate_by_solves(
 def get_scene_quantities(scene: Scene) -> dict[str, float]:
     """Return position, rotation and force of a scene's probe by name, in the frame of its stage.
 
-    For a scene without a single probe the values of `extract_touch` are returned unchanged.
+    Without a stage or a single probe the values of `extract_touch` are returned unchanged.
     """
     quantities = extract_touch(scene)
     if scene.stage is None or scene.single_probe is None:
         return quantities
-    place_mm = [quantities["x_mm"], quantities["y_mm"]]
-    on_stage_mm, rotation_deg = scene.stage.to_stage(place_mm, quantities["rotation_deg"])
+    position_mm = [quantities["x_mm"], quantities["y_mm"]]
+    on_stage_mm, rotation_deg = scene.stage.to_stage(position_mm, quantities["rotation_deg"])
     x_mm, y_mm = on_stage_mm.tolist()
     return {
         "x_mm": x_mm,
@@ -341,16 +345,16 @@ def get_scene_quantities(scene: Scene) -> dict[str, float]:
 
 @dataclass(frozen=True, eq=False)
 class ProbeMatch:
-    """One of several probes that may have touched."""
+    """One of several probes that may have touched, with its probability."""
 
     name: str  #: Name of the probe's response.
-    #: Posterior probability of this probe, if all probes are equally likely a priori.
+    #: Posterior probability that this probe touched, if all are equally likely a priori.
     weight: float
-    location: Location  #: The likely touches of this probe.
+    location: Location  #: The likely touches by this probe.
 
 
 def rank_probes(locations: Mapping[str, Location]) -> tuple[ProbeMatch, ...]:
-    """Rank several probes by the probability that they have touched.
+    """Sort several probes by the posterior probability that each of them has touched.
 
     Parameters
     ----------

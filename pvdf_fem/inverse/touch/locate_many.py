@@ -50,7 +50,7 @@ def locate_many(
     """Find the most likely touch for each of many rows of readings.
 
     The position is always unknown; rotation and force are unknown unless they are given. Rows are
-    independent of each other: a row that cannot be used gets a status that says why.
+    independent of each other: a row that cannot be used has no touch, but a status that says why.
 
     Parameters
     ----------
@@ -64,8 +64,9 @@ def locate_many(
     forces_N : array_like, shape (n,), optional
         Known force of each row.
     calibrated : bool
-        Whether to find all likely touches of each row and to calibrate the deviations, as `locate`
-        does, which is a hundred times slower.
+        Whether to find all likely touches of each row, and to compute `Touches.deviations` from the
+        posterior distribution instead of the curvature of the likelihood, as `locate` does. This is
+        a hundred times slower.
 
     Returns
     -------
@@ -138,7 +139,11 @@ def _locate_rows(
     known: Mapping[int, Array],
     calibrated: bool,
 ) -> None:
-    """Locate some rows together and store their touches in `touches`.
+    """Locate some rows together, and store their touches and explanations in `touches`.
+
+    A row that is not explained by the search from the best candidate is searched again from several
+    candidates, and then throughout the domain. If no touch explains it, mistakes in its readings
+    are tried.
 
     Parameters
     ----------
@@ -149,12 +154,12 @@ def _locate_rows(
     measurement : Measurement
         Meaning, channels and noise of the readings.
     readings_pC : ndarray, shape (m, electrodes)
-        Readings of these rows in nominal pC.
+        Readings of these m rows in nominal pC: volts times the channel's nominal capacitance.
     known : mapping
         Known quantities of all n rows by column, arrays of shape (n,).
     calibrated : bool
-        Whether to find all likely touches, for calibrated deviations and the numbers of
-        alternatives.
+        Whether to search throughout the domain for every row, which gives deviations from the
+        posterior distribution and the number of alternatives.
     """
     unknown = np.array([i for i in range(len(TOUCH_QUANTITIES)) if i not in known])
     fixed = _fix_coordinates(known, rows)
@@ -185,7 +190,7 @@ def _locate_rows(
 
 
 def _fix_coordinates(known: Mapping[int, Array], rows: Indices) -> dict[int, Array]:
-    """Compute the fixed coordinates of some rows by column.
+    """Compute the coordinates of the known quantities of some rows, by column.
 
     Parameters
     ----------
@@ -197,7 +202,7 @@ def _fix_coordinates(known: Mapping[int, Array], rows: Indices) -> dict[int, Arr
     Returns
     -------
     dict of int to ndarray, shape (m,)
-        Coordinates, with the logarithm of the force.
+        Known quantities of these rows, with the logarithm of the force in place of the force.
     """
     fixed = {}
     for column, values in known.items():
@@ -206,10 +211,10 @@ def _fix_coordinates(known: Mapping[int, Array], rows: Indices) -> dict[int, Arr
 
 
 class ReadingExplanation(NamedTuple):
-    """A mistake in readings that, once corrected, lets touches explain some rows."""
+    """A mistake in readings whose correction lets touches explain some rows."""
 
     text: str  #: The mistake in words.
-    problem: LocationProblem  #: The problem of all rows with corrected readings.
+    problem: LocationProblem  #: The problem with the corrected readings of all rows.
     ends: SearchResult  #: End points of the searches for the explained rows.
     rows: Indices  #: Indices of the explained rows.
 
@@ -220,14 +225,15 @@ def find_explanations(
     unknown: Indices,
     fixed: Mapping[int, Array],
 ) -> Iterator[ReadingExplanation]:
-    """Find common mistakes whose correction lets touches explain the readings.
+    """Yield the common mistakes whose correction lets touches explain some rows of readings.
 
     Parameters
     ----------
     measurement : Measurement
         Meaning, channels and noise of the readings as stated by the user.
     readings_pC : ndarray, shape (n, electrodes)
-        Readings in nominal pC that no touch explains.
+        Readings that no touch explains, in nominal pC: volts times the channel's nominal
+        capacitance.
     unknown : ndarray of int
         Columns of the free quantities.
     fixed : mapping
@@ -259,8 +265,8 @@ def _search_row_everywhere(
     problem : LocationProblem
         The problem of all n rows.
     ends : SearchResult
-        The best end point of each row so far. That of this row is overwritten if a better one is
-        found.
+        The best end point of each row so far. That of row `index` is overwritten in place if a
+        better one is found.
     fixed : mapping
         Coordinates of the fixed quantities by column, arrays of shape (n,).
     index : int
@@ -269,7 +275,7 @@ def _search_row_everywhere(
     Returns
     -------
     Location
-        All likely touches of the row.
+        All likely touches of the row, from the new searches and the previous end point.
     """
     row = np.array([index])
     row_problem = problem.select_rows(row)
@@ -290,7 +296,10 @@ class _ReadingColumns(NamedTuple):
 def _read_columns(
     response: ChargeFunction, readings: ArrayLike | Mapping[str, ArrayLike]
 ) -> _ReadingColumns:
-    """Convert readings to an array, from rows of numbers or from columns by electrode."""
+    """Convert readings to an array, from rows of numbers or from columns by electrode.
+
+    A `ValueError` is raised if the shapes do not match or if readings are not numbers.
+    """
     if not hasattr(readings, "keys"):
         names = tuple(response.names)
         rows = _read_numbers(readings, "readings")
@@ -307,12 +316,12 @@ def _read_columns(
 
 
 def _read_numbers(values: Any, key: str) -> Array:
-    """Convert values to an array of floats, None to NaN.
+    """Convert values to an array of floats, in which None becomes NaN.
 
     Raises
     ------
     ValueError
-        If values are not numbers; the message begins with `key`.
+        If a value is not a number; the message begins with `key`, the name of the argument.
     """
     try:
         return np.asarray(values, dtype=float)
@@ -324,14 +333,15 @@ def _read_numbers(values: Any, key: str) -> Array:
 def _decide_initial_status(
     measurement: Measurement, readings_pC: Array, known: Mapping[int, Array], unknown: Indices
 ) -> NDArray[np.object_]:
-    """Decide which rows can be located, and why the others cannot.
+    """Decide for each row of readings whether to search for its touch, or why this is impossible.
 
     Parameters
     ----------
     measurement : Measurement
         Meaning, channels and noise of the readings.
     readings_pC : ndarray, shape (n, electrodes)
-        Readings in nominal pC; may be infinite or NaN.
+        Readings in nominal pC (volts times the channel's nominal capacitance); may be infinite or
+        NaN.
     known : mapping
         Known quantities by column, arrays of shape (n,).
     unknown : ndarray of int
@@ -340,13 +350,12 @@ def _decide_initial_status(
     Returns
     -------
     ndarray of TouchStatus, shape (n,)
-        `TouchStatus.LOCATED` for rows that can be located, otherwise the reason.
+        `TouchStatus.LOCATED` for rows that can be used, otherwise the reason.
     """
     any_row = np.zeros_like(readings_pC[:1])
     is_determinable = measurement.make_problem(any_row, unknown).is_determinable
-    clipped = np.clip(
-        readings_pC, -MAX_READING_PC, MAX_READING_PC
-    )  # huge readings must not overflow
+    # Huge readings must not overflow.
+    clipped = np.clip(readings_pC, -MAX_READING_PC, MAX_READING_PC)
     is_small = np.abs(measurement.to_signals(clipped)) < MIN_CHARGE_PC
     has_no_deviation = (is_small & (measurement.noise_pC == 0.0)).any(axis=1)
     lowest, highest = measurement.response.domain.force_N

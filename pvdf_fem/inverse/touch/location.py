@@ -27,7 +27,7 @@ MIN_ALTERNATIVE_WEIGHT = 0.01
 
 
 class Explanation(NamedTuple):
-    """A mistake in readings that, once corrected, lets a touch explain them."""
+    """A mistake in readings whose correction lets a touch explain them."""
 
     text: str  #: The mistake in words.
     touch: Touch  #: The best touch for the corrected readings.
@@ -37,14 +37,16 @@ class Explanation(NamedTuple):
 class Location(Result):
     """All likely touches for measured charges; each touch is by one probe or by two at once."""
 
-    touches: tuple[Touch, ...]  #: The touches, most likely first; empty if no search converged.
+    #: The touches, with the lowest chi-square first; without degrees of freedom those that explain
+    #: the charges first, and then by weight. Empty if no search converged.
+    touches: tuple[Touch, ...]
     unknown: tuple[str, ...]  #: Names of the free quantities.
     #: Logarithm of the evidence: the probability density of the charges, averaged over all touches
     #: with a prior as wide as the response's domain.
     log_evidence: float
     problem: LocationProblem  #: The measured charges and the response.
-    #: Mistakes in the readings that, once corrected, let a touch explain them. Empty if a touch
-    #: explains the readings as they are.
+    #: Mistakes in the readings whose correction lets a touch explain them. Empty if a touch
+    #: explains the readings as they are, and if the response solves scenes.
     explanations: tuple[Explanation, ...] = ()
 
     # ---- status
@@ -60,7 +62,7 @@ class Location(Result):
 
     @property
     def best(self) -> Touch:
-        """The most likely touch; `IndexError` if there is none."""
+        """The most likely touch, the first of `touches`; `IndexError` if there is none."""
         return self.touches[0]
 
     @property
@@ -82,37 +84,52 @@ class Location(Result):
 
     @cached_property
     def posterior(self) -> Posterior:
-        """Posterior distribution of the touch, sampled at the first access in a few ms."""
+        """Posterior distribution of the touch, sampled at the first access, then cached."""
         return sample_posterior(self.problem, self.touches)
 
     @property
     def deviations(self) -> dict[str, float]:
-        """Calibrated errors of the best touch, by the name of the unknown.
+        """Standard deviations of the best touch by the name of the unknown.
 
-        The error of the touch is within this with a probability of 68.3 %, which is one standard
-        deviation for normal errors. The whole posterior distribution counts, with ridges and other
-        maxima of the likelihood. If the response solves scenes, `Touch.deviations` are returned.
+        See `compute_deviations`.
         """
         return self.compute_deviations(self.best)
 
     def compute_deviations(self, touch: Touch) -> dict[str, float]:
-        """Compute calibrated errors of one of the touches, by the name of the unknown.
+        """Compute standard deviations of one of the touches from the posterior distribution.
 
-        They are large if a distant touch is more likely.
+        The true value is within the standard deviation of the touch's value with a probability of
+        68.3 %. Noise of the readings and errors of the response are included, as are ridges and
+        other maxima of the likelihood: the standard deviations are large if the true touch is more
+        probably near another one of `touches`.
+
+        Parameters
+        ----------
+        touch : Touch
+            One of `touches`.
+
+        Returns
+        -------
+        dict of str to float
+            Standard deviations by the name of the unknown: `Touch.deviations`, for this touch
+            alone, if the response solves scenes.
         """
         deviations = np.sqrt(np.diag(self.compute_covariance(touch)))
         return dict(zip(self.unknown, deviations.tolist(), strict=True))
 
     @property
     def covariance(self) -> Array:
-        """Posterior covariance about the best touch; shape (unknown, unknown).
+        """Covariance of the unknowns about the best touch; shape (unknown, unknown).
 
-        The diagonal has the squares of `deviations`.
+        The diagonal has the squares of `deviations`. See `compute_covariance`.
         """
         return self.compute_covariance(self.best)
 
     def compute_covariance(self, touch: Touch) -> Array:
-        """Compute the posterior covariance about one of the touches.
+        """Compute the covariance of the unknowns about one of the touches.
+
+        The variances are the squared standard deviations of `compute_deviations`, and the
+        correlations are those of the posterior distribution about the touch.
 
         Parameters
         ----------
@@ -122,8 +139,8 @@ class Location(Result):
         Returns
         -------
         ndarray, shape (unknown, unknown)
-            Covariance by `Posterior.compute_covariance`, or that of the touch itself if the
-            response solves scenes, for which sampling the posterior would take too long.
+            Covariance in the units of the unknowns: `Touch.covariance`, for this touch alone, if
+            the response solves scenes, since sampling the posterior would take too long.
         """
         if not self.problem.response.is_fast:
             return touch.covariance
@@ -135,9 +152,9 @@ class Location(Result):
     def alternatives(self) -> int:
         """Number of further likely touches at another position or with another force.
 
-        A touch is likely if its weight exceeds `MIN_ALTERNATIVE_WEIGHT`. Quantities differ if their
-        difference exceeds the sum of both deviations. A touch that differs from the best one in its
-        rotation alone does not count.
+        A touch is likely if its weight exceeds `MIN_ALTERNATIVE_WEIGHT`. It counts if an unknown
+        other than a rotation differs from that of the best touch by more than the sum of the
+        `Touch.deviations` of both.
         """
         return sum(
             1 for quantities in self._alternative_differences if quantities - {"rotation_deg"}
@@ -145,12 +162,12 @@ class Location(Result):
 
     @property
     def ambiguous(self) -> bool:
-        """Whether there are alternatives."""
+        """Whether there is any of the touches that `alternatives` counts."""
         return self.alternatives > 0
 
     @cached_property
     def _alternative_differences(self) -> list[set[str]]:
-        """Base names of the unknowns in which each further likely touch differs from the best."""
+        """Unknowns in which each further likely touch differs from the best, without indices."""
         likely = [touch for touch in self.touches[1:] if touch.weight > MIN_ALTERNATIVE_WEIGHT]
         if not likely:
             return []
@@ -171,8 +188,8 @@ class Location(Result):
     def _determines_position_and_force(self) -> bool:
         """Whether the charges determine every unknown of the best touch except for rotations.
 
-        They do if one standard deviation along each null direction changes such an unknown by less
-        than the extent of the domain divided by `DETERMINED_RATIO`.
+        An unknown is determined if one standard deviation along each of `Touch.null_directions`
+        changes it by less than the extent of the domain divided by `DETERMINED_RATIO`.
         """
         problem = self.problem
         scale = problem.compute_touch_scale(self.best.values[None])[0]
@@ -214,7 +231,7 @@ class Location(Result):
         return tuple(remarks)
 
     def _list_explanations(self) -> list[str]:
-        """List remarks on the mistakes that, once corrected, let a touch explain the readings."""
+        """Format a remark on each of `explanations`, with the touch for the corrected readings."""
         sentences = []
         for text, touch in self.explanations:
             position = f"({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm"
@@ -224,7 +241,10 @@ class Location(Result):
 
     @property
     def _goodness_of_fit(self) -> str:
-        """Text on how rarely a true touch fits as badly as the best touch."""
+        """Chi-square of the best touch in words, with the rarity of a value at least as large.
+
+        The rarity is left out without degrees of freedom.
+        """
         chi_square = f"chi-square {self.best.chi_square:.3g}"
         if self.degrees_of_freedom <= 0:
             return chi_square
@@ -233,7 +253,7 @@ class Location(Result):
         return f"a touch gives such charges once in {cases:.0e} cases ({chi_square} with {freedom})"
 
     def summary(self) -> Summary:
-        """Return status, remarks, a table per touch, and a footnote on the ± to print."""
+        """Return status, remarks, a table for each touch, and a note on ±, to print."""
         tables = []
         for number, touch in enumerate(self.touches, start=1):
             tables.append(self._make_table(number, touch))
@@ -248,31 +268,32 @@ class Location(Result):
         return Summary(self.status, sentences, tables=tables, notes=notes)
 
     def _make_table(self, number: int, touch: Touch) -> TextTable:
-        """Make the table of the quantities of a touch with their errors."""
+        """Make the table of quantities, standard deviations and fit of a touch for `summary`."""
         deviations = self.compute_deviations(touch)
         rows = []
         for name, value in touch.by_name.items():
             if name not in deviations:
                 rows.append((name, f"{value:.6g}", "known"))
                 continue
-            error = deviations[name]
-            finest = min(error, touch.deviations[name])
+            deviation = deviations[name]
+            # Another likely touch may increase the deviation, but the value keeps its digits.
+            finest = min(deviation, touch.deviations[name])
             text, _ = format_with_error(value, finest)
-            rows.append((name, text, f"{error:.2g}"))
+            rows.append((name, text, f"{deviation:.2g}"))
         rows.append(("chi-square", f"{touch.chi_square:.3g}", ""))
         rows.append(("degrees of freedom", f"{self.degrees_of_freedom}", ""))
         rows.append(("probability", f"{touch.weight:.3g}", ""))
         return TextTable((f"touch {number}", "", "±"), tuple(rows))
 
     def plot(self) -> Figure:
-        """Draw the likelihood on the film and near the most likely touch.
+        """Draw the likelihood of positions, on the whole film and near the most likely touch.
 
         Returns
         -------
         matplotlib.figure.Figure
-            The likelihood of the best force and rotation at each position, with the ellipse of one
-            standard deviation and the other touches. If the response solves scenes, only ellipses
-            are drawn.
+            The likelihood at each position for the most likely force and rotation there, with the
+            ellipse of one standard deviation and the other touches. If the response solves scenes,
+            the figure has ellipses but no likelihood.
 
         Raises
         ------
@@ -297,7 +318,7 @@ class Location(Result):
         )
 
     def _compute_distances(self, positions_mm: Array) -> Array:
-        """Compute how many standard deviations each position is from the most likely touch.
+        """Compute the distance of positions from the most likely touch in standard deviations.
 
         Parameters
         ----------
@@ -307,20 +328,24 @@ class Location(Result):
         Returns
         -------
         ndarray, shape (n,)
-            √(2 ln(max L / L)) with the profile likelihood L of the position.
+            √(2 ln(max L / L)). The profile likelihood L of a position is the maximum over force and
+            rotation there.
         """
         excess = profile_chi_square(self.problem, self.best, positions_mm) - self.best.chi_square
         return np.sqrt(np.maximum(excess, 0.0))
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return status, remarks and touches as plain values for JSON.
+
+        ``deviations`` are those of the best touch, empty if there is none.
+        """
         touches = []
         for touch in self.touches:
-            errors = {
+            uncertainty = {
                 "standard_deviations": self.compute_deviations(touch),
                 "covariance": np.asarray(self.compute_covariance(touch)).tolist(),
             }
-            touches.append({**touch.to_json(), **errors})
+            touches.append({**touch.to_json(), **uncertainty})
         return {
             "status": str(self.status),
             "reading": self.reading,
@@ -335,7 +360,7 @@ class Location(Result):
 
 
 def _format_direction(unknown: tuple[str, ...], direction: Array) -> str:
-    """Format a direction in the space of the unknowns, without its vanishing components.
+    """Format a direction in the space of the unknowns, without components that are nearly zero.
 
     Parameters
     ----------

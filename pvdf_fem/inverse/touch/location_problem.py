@@ -54,13 +54,13 @@ EXTENT = 4.0
 
 
 def get_base_quantity(quantity: str) -> str:
-    """Return the name of a quantity without probe and index: ``x_mm`` for ``probe[1].x_mm``."""
+    """Return a quantity's name without indices: ``x_mm`` for ``probe[1].x_mm``."""
     parts = parse_key(quantity)
     return next(name for name in LONGEST_STEPS if name in parts)
 
 
 def slice_quantity(response: ChargeFunction, column: int) -> slice:
-    """Return the columns of one quantity, such as x, of all probes.
+    """Return the columns that have one quantity, such as x, of all probes.
 
     Parameters
     ----------
@@ -81,14 +81,15 @@ def slice_quantity(response: ChargeFunction, column: int) -> slice:
 def evaluate_on_stage(
     response: ChargeFunction, touches: Array, film_rotation_deg: float = 0.0
 ) -> tuple[Array, Array]:
-    """Evaluate a response for touches along the axes of a stage on which the film is rotated.
+    """Evaluate a response for touches that are given along the axes of the stage.
 
     Parameters
     ----------
     response : ChargeFunction
         The response, which expects touches along the axes of the film.
     touches : ndarray, shape (n, k)
-        Touches along the axes of the stage, relative to the film's centre, with forces in N.
+        Positions and rotations along the axes of the stage, relative to the film's centre, and
+        forces in N. Any further quantities are along the axes of the film.
     film_rotation_deg : float
         Rotation of the film on the stage.
 
@@ -124,7 +125,7 @@ def compute_longest_steps(response: ChargeFunction) -> Array:
     Returns
     -------
     ndarray, shape (k,)
-        Maximum steps: positions in mm, rotations in degrees, logarithms of forces.
+        Maximum steps: `LONGEST_STEPS`, but in mm for positions.
     """
     steps = np.array([LONGEST_STEPS[get_base_quantity(name)] for name in response.quantity_names])
     for column in (TouchColumn.X, TouchColumn.Y):
@@ -146,8 +147,8 @@ def compute_extents(response: ChargeFunction) -> Array:
     Returns
     -------
     ndarray, shape (k,)
-        Extents: the reach in mm for positions, half a period for rotations, and the range of the
-        logarithm for forces.
+        Extents: the reach in mm for positions, half a period for rotations, the range of the
+        logarithm for forces, and `EXTENT` times the maximum step for further quantities.
     """
     lowest, highest = response.domain.log_force
     sizes = EXTENT * compute_longest_steps(response)
@@ -182,7 +183,7 @@ class LocationProblem:
         return self.stage.x_mm, self.stage.y_mm
 
     def select_rows(self, rows: Indices) -> LocationProblem:
-        """Return a copy of the problem that has only some rows of the charges."""
+        """Return a problem with the rows of the charges at these indices only."""
         charges = self.charges_pC[rows]
         return replace(self, charges_pC=charges, deviations_pC=self.deviations_pC[rows])
 
@@ -194,7 +195,7 @@ class LocationProblem:
         return slice_quantity(self.response, TouchColumn.FORCE)
 
     def view_by_probe(self, coordinates: Array) -> Array:
-        """Return a view of coordinates or touches with an axis of probes.
+        """Return a view of coordinates or touches that has an axis for probes.
 
         Parameters
         ----------
@@ -222,8 +223,8 @@ class LocationProblem:
         Returns
         -------
         ndarray, shape (n, k)
-            Touches in the frame of the stage, with forces in N. Free rotations are reduced to
-            between 0 and the period.
+            Touches in the frame of the stage, with forces in N. Rotations are reduced to between 0
+            and the period if that of the first probe is free.
         """
         touches = coordinates.copy()
         self.view_by_probe(touches)[..., POSITION] += self.centre_mm
@@ -241,7 +242,7 @@ class LocationProblem:
         return coordinates
 
     def compute_differences(self, coordinates: Array, others: Array) -> Array:
-        """Compute differences of coordinates or touches, with rotations modulo their period.
+        """Compute differences of coordinates or touches, the shortest ones for rotations.
 
         Parameters
         ----------
@@ -262,8 +263,7 @@ class LocationProblem:
     def compute_touch_scale(self, touches: Array) -> Array:
         """Compute the derivative of each quantity of touches with respect to its coordinate.
 
-        It is the force F for forces, since dF/d(ln F) = F, and 1 for other quantities. The result
-        has the shape (n, k) of `touches`.
+        It is the force for forces, 1 otherwise; `touches` and the result have the shape (n, k).
         """
         scale = np.ones(touches.shape)
         scale[:, self.force_columns] = touches[:, self.force_columns]  # dF/d(ln F) = F
@@ -272,7 +272,7 @@ class LocationProblem:
     # ---- residuals
 
     def linearise(self, coordinates: Array, rows: Indices | None = None) -> Array:
-        """Compute whitened residuals and their derivatives.
+        """Compute whitened residuals and derivatives, extrapolated beyond the response's domain.
 
         Parameters
         ----------
@@ -284,7 +284,7 @@ class LocationProblem:
         Returns
         -------
         ndarray, shape (n, electrodes, 1 + k)
-            Augmented matrices [r J]. Derivatives with respect to fixed coordinates are zero.
+            Augmented matrices [r J]. The columns of all but the `free_columns` are zero in J.
         """
         inside = self.project_onto_domain(coordinates)
         columns = self.force_columns
@@ -308,17 +308,17 @@ class LocationProblem:
 
     @cached_property
     def _weights(self) -> Array:
-        """Factors of the augmented matrices: 1/σ, or 0 in columns of fixed coordinates.
+        """Factors of the augmented matrices: 1/σ, or 0 in all but the columns r and `free_columns`.
 
         The shape is (rows, electrodes, 1 + k).
         """
-        is_kept = np.append(True, self._is_free)
-        return is_kept / self.deviations_pC[:, :, None]
+        is_used = np.append(True, self._is_free)
+        return is_used / self.deviations_pC[:, :, None]
 
     # ---- bounds
 
     def project_onto_domain(self, coordinates: Array) -> Array:
-        """Project coordinates onto the response's domain.
+        """Move coordinates that are outside of the response's domain to its edge.
 
         Parameters
         ----------
@@ -328,15 +328,15 @@ class LocationProblem:
         Returns
         -------
         ndarray, shape (n, k)
-            Nearest coordinates in the domain; the same array if all touches are inside.
+            Coordinates in the domain; the array `coordinates` itself if all are inside.
         """
         lowest, highest = self.response.domain.log_force
         return self.project_within(coordinates, self.response.domain.reach_mm, lowest, highest)
 
     def project_onto_bounds(self, coordinates: Array) -> Array:
-        """Project coordinates onto the domain of searches, which is larger by `SEARCH_MARGIN`.
+        """Move coordinates into the domain of searches, which is larger by `SEARCH_MARGIN`.
 
-        Arguments and results are like those of `project_onto_domain`.
+        Argument and result are like those of `project_onto_domain`.
         """
         reach_mm = SEARCH_MARGIN * self.response.domain.reach_mm
         lowest, highest = self.response.domain.log_force
@@ -346,7 +346,7 @@ class LocationProblem:
     def project_within(
         self, coordinates: Array, reach_mm: float, lowest: float, highest: float
     ) -> Array:
-        """Project coordinates onto a disc of positions and a range of forces.
+        """Move coordinates into a disc of positions and a range of forces.
 
         Parameters
         ----------
@@ -361,7 +361,7 @@ class LocationProblem:
         Returns
         -------
         ndarray, shape (n, k)
-            Nearest coordinates within the limits; the same array if all touches are inside.
+            Coordinates within the limits; the array `coordinates` itself if all are inside.
         """
         stop = self.force_columns.stop
         rows_of_probes = coordinates[:, :stop].reshape(-1, len(TOUCH_QUANTITIES))
@@ -392,8 +392,8 @@ class LocationProblem:
         Returns
         -------
         list of tuple of str
-            Names for each touch: ``reach_mm``, ``force_N``, both or none. Fixed quantities have no
-            limits.
+            Names for each touch: ``reach_mm``, ``force_N``, both or none. A fixed position or a
+            fixed force counts as inside.
         """
         lowest, highest = self.response.domain.log_force
         unknown = self.unknown.tolist()
@@ -419,7 +419,7 @@ class LocationProblem:
 
     @cached_property
     def merge_distances(self) -> Array:
-        """Distances within which two searches lead to the same minimum; shape (k,)."""
+        """Distances along each coordinate below which searches lead to one minimum; shape (k,)."""
         return MERGE_DISTANCE * self.longest_steps
 
     @property
@@ -429,7 +429,7 @@ class LocationProblem:
 
     @property
     def is_determinable(self) -> bool:
-        """Whether there are at least as many charges as there are `free_columns`."""
+        """Whether there are at least as many electrodes as there are `free_columns`."""
         return len(self.electrodes) >= len(self.free_columns)
 
     @property
@@ -441,7 +441,7 @@ class LocationProblem:
     def _is_free(self) -> Mask:
         """Whether each coordinate is free and the charges depend on it; shape (k,).
 
-        The charges do not depend on the rotation of a round probe.
+        The charges do not depend on rotations if all probes are round.
         """
         is_free = np.zeros(len(self.response.quantity_names), dtype=bool)
         is_free[self.unknown] = True

@@ -1,8 +1,9 @@
 """Conversion of electrode readings to charges with standard deviations.
 
-A reading in nominal pC is gain · signal + offset; gain and offset are those of the electrode's
-channel in the scene's readout. The signal is either the total charge (``total``), or the change of
-the charge by the touch (``change``), as read by an amplifier that was zeroed before the touch.
+A reading in nominal pC is a voltage times the nominal capacitance of the electrode's channel in the
+scene's readout. It equals gain · signal + offset with the channel's gain and offset. The signal is
+either the total charge (``total``), or the change of the charge by the touch (``change``), as read
+by an amplifier that was zeroed before the touch.
 """
 
 from __future__ import annotations
@@ -40,9 +41,10 @@ class Measurement:
     unit: str  #: Unit in which the user gave the readings, a key of `list_units_pC`.
     gains: Array  #: Gains of the channels.
     offsets_pC: Array  #: Readings without a charge, in nominal pC.
-    unloaded_pC: Array  #: Charges of the unloaded film; NaN where it has none.
-    unloaded_errors_pC: Array  #: Estimated errors of these charges.
-    sigma: Array  #: Standard deviation of a signal divided by the signal.
+    #: Charges of the unloaded film; NaN if it has no equilibrium without a load.
+    unloaded_pC: Array
+    unloaded_errors_pC: Array  #: Estimated errors of the charges of the unloaded film.
+    sigma: Array  #: Standard deviation of a signal as a fraction of the signal.
     noise_pC: Array  #: Further standard deviation of a reading in nominal pC.
 
     @classmethod
@@ -55,7 +57,7 @@ class Measurement:
         reading: str | None,
         unit: str = "pC",
     ) -> Measurement:
-        """Make the measurement of some of a response's electrodes.
+        """Describe how some of a response's electrodes are read, from arguments and the readout.
 
         Parameters
         ----------
@@ -75,7 +77,7 @@ class Measurement:
         Raises
         ------
         ValueError
-            If neither the response nor the readings of an electrode have any uncertainty.
+            If the response has no error and an electrode has neither `sigma` nor noise.
         UnloadedFilmError
             If changes are read, but the film has no equilibrium without a load.
         """
@@ -108,20 +110,22 @@ class Measurement:
 
     @property
     def zero_pC(self) -> Array:
-        """Charges at which the signal is zero, in pC; shape (electrodes,)."""
+        """Charges in pC that are read as a signal of zero; shape (electrodes,)."""
         return self.unloaded_pC if self.reading == "change" else np.zeros(len(self.unloaded_pC))
 
     def to_signals(self, readings_pC: Array) -> Array:
-        """Convert readings in nominal pC to signals, which are charges or changes of them in pC.
+        """Convert readings to signals, by the offsets and gains of the channels.
 
-        Both arrays have the shape (n, electrodes).
+        Readings are in nominal pC (volts times the channel's nominal capacitance), and signals are
+        charges, or changes of them, in pC. Both arrays have the shape (n, electrodes).
         """
         return np.asarray((readings_pC - self.offsets_pC) / self.gains)
 
     def to_readings(self, charges_pC: Array) -> Array:
-        """Convert total charges in pC to readings in nominal pC.
+        """Convert total charges to the readings that the channels would give without noise.
 
-        Both arrays have the shape (n, electrodes).
+        Charges are in pC, and readings in nominal pC (volts times the channel's nominal
+        capacitance). Both arrays have the shape (n, electrodes).
         """
         return np.asarray(self.offsets_pC + self.gains * (charges_pC - self.zero_pC))
 
@@ -143,19 +147,20 @@ class Measurement:
         return np.asarray(np.hypot(self.sigma * signals, self.noise_pC / self.gains))
 
     def make_problem(self, readings_pC: Array, unknown: Indices) -> LocationProblem:
-        """Make the least-squares problem of locating the touches from their readings.
+        """Convert readings to a least-squares problem of total charges and standard deviations.
 
         Parameters
         ----------
         readings_pC : ndarray, shape (n, electrodes)
-            Readings in nominal pC, one touch per row.
+            Readings in nominal pC (volts times the channel's nominal capacitance), one touch per
+            row.
         unknown : ndarray of int
             Columns of the free quantities, see `TouchColumn`.
 
         Returns
         -------
         LocationProblem
-            Total charges with their standard deviations.
+            The problem of total charges and their standard deviations, one row for each touch.
 
         Notes
         -----
@@ -181,8 +186,8 @@ class Measurement:
     def list_alternatives(self) -> Iterator[AlternativeReading]:
         """Yield alternative interpretations of the readings, one for each common mistake.
 
-        The mistakes are a confusion of total charges with changes, and those of `list_misreadings`
-        except for permutations of more than two electrodes.
+        The mistakes are a confusion of total charges with changes, if the charges of the unloaded
+        film are known, and those of `list_misreadings` that exchange at most two electrodes.
         """
         if not np.isnan(self.unloaded_pC).any():
             other = "change" if self.reading == "total" else "total"
@@ -200,12 +205,12 @@ class AlternativeReading(NamedTuple):
 
     text: str  #: The mistake in words, such as "A and B are swapped".
     measurement: Measurement  #: The measurement without the mistake.
-    #: Function that returns corrected readings, from readings of shape (n, electrodes).
+    #: Function that takes readings of shape (n, electrodes) and returns corrected ones.
     correct: Callable[[Array], Array]
 
 
 class ChannelValues(NamedTuple):
-    """Gain, offset and noise of a channel, for readings in nominal pC."""
+    """Gain, offset and noise of a channel, for readings in volts times its nominal capacitance."""
 
     gain: float  #: Reading divided by the signal, 1 for a channel without a gain error.
     offset_pC: float  #: Reading without a charge.
@@ -224,7 +229,7 @@ def get_channel_values(scene: Scene) -> dict[str, ChannelValues]:
 
 
 def get_units_pC(scene: Scene, unit: str) -> dict[str, float]:
-    """Return the size of a unit of readings in nominal pC, by the electrode's name.
+    """Return by electrode how many nominal pC one unit of readings is: 1 for pC.
 
     An unknown unit counts as pC, so that it can be reported later with other mistakes.
     """
@@ -235,7 +240,7 @@ def get_units_pC(scene: Scene, unit: str) -> dict[str, float]:
 
 
 def get_reading(scene: Scene) -> str:
-    """Return the meaning of a scene's readings, which are total charges without a readout."""
+    """Return the key of `READINGS` of a scene's readout; ``total`` without a readout."""
     return scene.readout.reading if scene.readout else "total"
 
 
@@ -250,15 +255,21 @@ def compute_unloaded_charges(response: ChargeFunction, reading: str) -> Array:
     Parameters
     ----------
     response : ChargeFunction
-        The response. If it stores the charges of the unloaded film, these are returned; otherwise
+        The response. If it stores the charges of the unloaded film, they are returned; otherwise
         the unloaded film is solved.
     reading : str
-        Meaning of the readings. An equilibrium of the unloaded film is required for changes alone.
+        Meaning of the readings, a key of `READINGS`. Ignored if the response stores the charges.
 
     Returns
     -------
     ndarray, shape (2, electrodes)
         Charges and errors in pC; NaN if the film has no equilibrium without a load.
+
+    Raises
+    ------
+    UnloadedFilmError
+        If the film has no equilibrium without a load, `reading` is ``change`` and the response does
+        not store the charges.
     """
     if response.unloaded_charges_pC is None:
         return compute_unloaded_charges_pC(response.scene, reading)

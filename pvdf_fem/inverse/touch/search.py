@@ -27,7 +27,7 @@ from pvdf_fem.inverse.touch.touch import (
     Touch,
     compute_covariance_roots,
     compute_p_values,
-    is_plausible,
+    mark_plausible,
 )
 from pvdf_fem.surrogate.touch_domain import TouchColumn
 
@@ -48,7 +48,7 @@ class LocateOptions:
     search: SearchOptions = field(default_factory=SearchOptions)
     candidates: int = 12  #: Number of initial candidates at each rotation of the coarse grid.
     #: Of candidates that are closer than this along every coordinate (mm, mm, degrees, logarithm
-    #: of the force) only the best one is kept.
+    #: of the force) only the one with the lowest chi-square is used.
     candidate_distances: tuple[float, ...] = (0.2, 0.2, 1e-9, 0.05)
     #: Estimated error of the linear step to a candidate, as a fraction of the charges. A candidate
     #: is discarded if its √chi-square exceeds that of the best candidate by more than this error
@@ -63,9 +63,10 @@ class LocateOptions:
     #: 1e-4 and of 6 % at 1e-3, measured with the probe's rim across an electrode.
     tolerance: float = 1e-4
     solved_pitch_mm: float = 2.5  #: Spacing of the positions at which single touches are solved.
-    superposed_pitch_mm: float = 1.0  #: Spacing of the raster to which these are interpolated.
+    #: Spacing of the raster to which the charges of single touches are interpolated.
+    superposed_pitch_mm: float = 1.0
     superposed_candidates: int = 25  #: Maximum number of initial candidates by superposition.
-    #: Minimum difference of these candidates in at least one coordinate of a position.
+    #: Minimum difference of two such candidates in at least one coordinate of a position.
     candidate_distance_mm: float = 3.0
     preliminary_steps: int = 3  #: Steps from every candidate before the best ones are chosen.
     #: Number of candidates that are refined first. The others follow if no touch found from these
@@ -75,7 +76,7 @@ class LocateOptions:
     #: Offsets of further searches from the best end point, in multiples of the maximum step along
     #: the direction that the charges determine least.
     side_steps: tuple[float, ...] = (-0.5, 0.5)
-    #: Maximum number of rounds of these searches, each from a better end point than the last.
+    #: Maximum number of rounds of such further searches, each beside a better end point.
     side_rounds: int = 3
     #: Termination and damping of searches by full solves.
     solved_search: SearchOptions = field(
@@ -105,13 +106,14 @@ def search_everywhere(
     Returns
     -------
     SearchResult
-        End points of all searches, with duplicates and abandoned searches.
+        End points of all final searches, with duplicates and abandoned searches.
 
     Notes
     -----
-    If the rotation is unknown, first searches keep it fixed at many values, and second searches
-    from their end points free it. This is robust, since rotating the probe by a few degrees changes
-    the charges less than moving it by the pitch of the coarse grid.
+    If the rotation and another quantity are unknown, first searches fix the rotation at each of
+    many values, and final searches with a free rotation begin at their end points. This is robust,
+    since rotating the probe by a few degrees changes the charges less than moving it by the pitch
+    of the coarse grid.
     """
     fixed_rows = {column: np.array([value]) for column, value in fixed.items()}
     candidates = find_initial_candidates(
@@ -143,7 +145,7 @@ def search_rows(
     count: int,
     options: SearchOptions = DEFAULT_OPTIONS.search,
 ) -> SearchResult:
-    """Search for the best touch of each row of charges from a few candidates.
+    """Search for the touch that fits each row of charges best, from a few candidates per row.
 
     Parameters
     ----------
@@ -159,7 +161,8 @@ def search_rows(
     Returns
     -------
     SearchResult
-        The best end point for each row.
+        For each row the converged end point with the lowest chi-square, or an end point that did
+        not converge if no search did.
     """
     candidates = find_initial_candidates(problem, fixed, count, each_rotation=False)
     coordinates = candidates.coordinates[:, 0]
@@ -176,11 +179,8 @@ def search_rows(
 
 
 def mark_explained(problem: LocationProblem, ends: SearchResult) -> Mask:
-    """Mark the searches that converged at a touch that explains the charges.
-
-    The result is an ndarray of bool of shape (n,).
-    """
-    return ends.converged & is_plausible(ends.chi_square, problem.degrees_of_freedom)
+    """Mark the searches that converged at a touch that explains the charges; shape (n,)."""
+    return ends.converged & mark_plausible(ends.chi_square, problem.degrees_of_freedom)
 
 
 def make_location(
@@ -188,7 +188,7 @@ def make_location(
     ends: SearchResult | None,
     options: LocateOptions = DEFAULT_OPTIONS,
 ) -> Location:
-    """Make the location of a problem's first row of charges from the end points of searches.
+    """Select the distinct touches among end points of searches, and compute their probabilities.
 
     Parameters
     ----------
@@ -197,13 +197,13 @@ def make_location(
     ends : SearchResult or None
         End points of searches, with duplicates; None if no search was made.
     options : LocateOptions
-        Limits that decide which touches are listed, and which end points are duplicates.
+        Limits that decide which touches are in the location, and which are duplicates.
 
     Returns
     -------
     Location
-        The distinct touches, most likely first, with weights that sum to 1. A location without
-        touches if no search converged.
+        The distinct touches, with weights that sum to 1, in the order of `Location.touches`. A
+        location without touches if no search converged.
 
     Notes
     -----
@@ -250,7 +250,7 @@ def make_location(
 
 
 class TouchDescriptions(NamedTuple):
-    """Values, uncertainties and fit of n touches, with the meaning of the fields of `Touch`."""
+    """Arrays of values, covariances and goodness of fit of n touches, for the fields of `Touch`."""
 
     values: Array  #: Quantities in their units; shape (n, k).
     covariance_roots: Array  #: Square roots of the covariances; shape (n, unknown, unknown).
@@ -262,7 +262,7 @@ class TouchDescriptions(NamedTuple):
 
 
 def describe_touches(problem: LocationProblem, ends: SearchResult) -> TouchDescriptions:
-    """Compute values, uncertainties and fit of the touches at end points of searches."""
+    """Compute values, covariances and goodness of fit of the touches at end points of searches."""
     unknown = problem.unknown
     values = problem.to_touches(ends.coordinates)
     scale = problem.compute_touch_scale(values)[:, unknown]
@@ -275,14 +275,14 @@ def describe_touches(problem: LocationProblem, ends: SearchResult) -> TouchDescr
         undetermined=covariances.undetermined,
         chi_square=ends.chi_square,
         p_value=compute_p_values(ends.chi_square, problem.degrees_of_freedom),
-        explained=is_plausible(ends.chi_square, problem.degrees_of_freedom),
+        explained=mark_plausible(ends.chi_square, problem.degrees_of_freedom),
     )
 
 
 def find_distinct_ends(
     problem: LocationProblem, ends: SearchResult, options: LocateOptions
 ) -> Indices:
-    """Find the likely end points of searches, without duplicates of better ones.
+    """Find the likely end points of searches, without duplicates of end points that fit better.
 
     Parameters
     ----------
@@ -296,7 +296,8 @@ def find_distinct_ends(
     Returns
     -------
     ndarray of int
-        Indices of the distinct end points, the best first; empty if no search converged.
+        Indices of distinct end points of converged searches, whose chi-square exceeds the lowest
+        one by at most `max_excess`; the lowest chi-square first, empty if no search converged.
     """
     ranking = ends.ranking
     rotations = slice_quantity(problem.response, TouchColumn.ROTATION)

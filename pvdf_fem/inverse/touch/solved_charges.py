@@ -41,7 +41,7 @@ FURTHER_QUANTITIES = {"tangential_N": ("[0]", "[1]"), "temperature_K": ("",)}
 
 @dataclass(frozen=True, eq=False)
 class SolvedResponse:
-    """A `ChargeFunction` of one or two simultaneous probes that solves the scene for each touch."""
+    """A `ChargeFunction` for one or two probes at once that solves the scene for each touch."""
 
     scene: Scene  #: The scene with a list of probes.
     quantity_names: tuple[str, ...]  #: Names of the k quantities of all probes.
@@ -65,7 +65,7 @@ class SolvedResponse:
         """Make the response of a scene's probes, or of its only probe at two positions.
 
         The domain has the reach (the maximum distance from the centre) and the forces of the
-        scene's ``[model]``. The reach is reduced where a probe would extend beyond the film.
+        scene's ``[model]``. The reach is reduced if a probe would otherwise extend beyond the film.
 
         Parameters
         ----------
@@ -74,7 +74,7 @@ class SolvedResponse:
         touches : int
             Number of simultaneous touches, 1 or 2.
         unknown : sequence of str
-            Base names of the free quantities of every probe, keys of `LONGEST_STEPS`.
+            Names of the free quantities of every probe, without indices: keys of `LONGEST_STEPS`.
         tolerance : float
             Relative tolerance of the charges of the solves.
         before_solve : callable
@@ -83,8 +83,8 @@ class SolvedResponse:
         Raises
         ------
         ValueError
-            If touches or unknowns are incompatible with the scene; the message has a line for each
-            mistake.
+            If touches or unknowns are incompatible with the scene, with a line for each mistake; or
+            if the charges have no derivative with respect to an unknown.
         """
         errors = list(_find_errors(scene, touches, unknown))
         if errors:
@@ -98,9 +98,8 @@ class SolvedResponse:
             is_disc_rotation = base == "rotation_deg" and not periods_deg[_get_probe_index(name)]
             if base in unknown and not is_disc_rotation:
                 free.append(name)
-        without_derivative = {_make_key(name) for name in free} - set(
-            list_parameters(Problem.from_scene(listed))
-        )
+        differentiable = set(list_parameters(Problem.from_scene(listed)))
+        without_derivative = {_make_key(name) for name in free} - differentiable
         if without_derivative:
             keys = ", ".join(sorted(without_derivative))
             reason = f"charges have no derivative with respect to {keys}"
@@ -126,7 +125,7 @@ class SolvedResponse:
 
     @property
     def scene_touch(self) -> Array:
-        """Quantities of the scene's probes in the frame of its stage; shape (k,)."""
+        """Quantities of the scene's probes as a touch in the frame of its stage; shape (k,)."""
         touch = np.array([get_number(self.scene, _make_key(name)) for name in self.quantity_names])
         stage = self.scene.stage or Stage()
         width = len(TOUCH_QUANTITIES)
@@ -141,10 +140,10 @@ class SolvedResponse:
 
     @property
     def swapped_columns(self) -> Indices:
-        """Columns of the quantities after two equal probes are exchanged.
+        """Column order that exchanges the quantities of two equal probes.
 
-        ``touch[swapped_columns]`` has the same charges as ``touch``. Empty if there is one probe or
-        if the two probes differ.
+        ``touch[swapped_columns]`` has the same charges as ``touch``. The array is empty if there is
+        only one probe or if the two probes differ.
         """
         if count_probes(self) < 2:
             return np.array([], dtype=int)
@@ -159,20 +158,21 @@ class SolvedResponse:
         return np.array(columns)
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
-        """Solve the scene for each touch.
+        """Solve the scene for each touch, and compute the charges and their derivatives.
 
         Parameters
         ----------
         touches : ndarray, shape (n, k)
-            Quantities of each touch in the frame of the film, with forces in N.
+            Quantities of each touch in the frame of the film, with forces in N and not as
+            logarithms.
 
         Returns
         -------
         charges : ndarray, shape (n, electrodes)
-            Charges in pC; `UNSOLVED_PC` for a touch that cannot be solved.
+            Charges in pC; `UNSOLVED_PC` for a touch whose scene is invalid or has no solution.
         derivatives : ndarray, shape (n, electrodes, k)
-            Derivatives with respect to the free quantities; zero with respect to fixed quantities
-            and for a touch that cannot be solved.
+            Derivatives of the charges with respect to the touch; zero with respect to fixed
+            quantities, and for a touch whose scene is invalid or has no solution.
         """
         charges = np.full((len(touches), len(self.names)), UNSOLVED_PC)
         derivatives = np.zeros((*charges.shape, touches.shape[1]))
@@ -190,7 +190,7 @@ class SolvedResponse:
         return charges, derivatives
 
     def _make_scene(self, touch: Array) -> Scene:
-        """Return the scene with the quantities of a touch, an array of shape (k,)."""
+        """Return the scene with the quantities of a touch of shape (k,), and with `error_bound`."""
         changes: dict[str, Any] = {"numerics.tolerance": self.error_bound}
         for name, value in zip(self.quantity_names, touch.tolist(), strict=True):
             changes[_make_key(name)] = value
@@ -198,19 +198,22 @@ class SolvedResponse:
 
 
 def make_single_probe_scene(scene: Scene, probe_index: int) -> Scene:
-    """Return the scene with only one of its probes, at the centre, under 1 N and without heat.
+    """Return the scene with only one of its probes, at the centre and pressed with 1 N.
+
+    The probe has neither a rotation nor a tangential force nor a temperature.
 
     Parameters
     ----------
     scene : Scene
         The scene with one or several probes.
     probe_index : int
-        Index of the probe that is kept.
+        Index of this probe in the scene.
 
     Returns
     -------
     Scene
-        A scene without readout, whose solves have a coarse tolerance.
+        A scene without a readout. Its numerics are the defaults, except for a coarse tolerance and
+        for the `observable` of the given scene.
     """
     loaded = scene.loaded_probes[probe_index]
     centred = dict.fromkeys(("x_mm", "y_mm", "rotation_deg"), 0.0)
@@ -222,7 +225,7 @@ def make_single_probe_scene(scene: Scene, probe_index: int) -> Scene:
 
 
 def _list_quantity_names(touches: int, unknown: Sequence[str]) -> tuple[str, ...]:
-    """List the quantity names of all probes: four of each probe, then unknown further ones."""
+    """List the names of the quantities: `TOUCH_QUANTITIES` of each probe, then further unknowns."""
     prefixes = [""] if touches == 1 else [f"probe[{index}]." for index in range(touches)]
     names = []
     for prefix in prefixes:
@@ -235,9 +238,9 @@ def _list_quantity_names(touches: int, unknown: Sequence[str]) -> tuple[str, ...
 
 
 def _choose_domain(scene: Scene, touches: int) -> Domain:
-    """Choose the domain in which all probes of a scene with a list of probes may be.
+    """Determine the domain that is common to all probes of a scene with a list of probes.
 
-    The range of forces is that of the first probe.
+    The reach is the smallest one of all probes, and the range of forces is that of the first probe.
     """
     domains = []
     for index in range(touches):
@@ -249,7 +252,7 @@ def _choose_domain(scene: Scene, touches: int) -> Domain:
 
 
 def _list_probes(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
-    """Return the scene with a list of probes, each with its own force.
+    """Return the scene with a list of probes, one for each touch, each with its own force.
 
     Parameters
     ----------
@@ -259,8 +262,8 @@ def _list_probes(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
     touches : int
         Number of probes in the list.
     unknown : sequence of str
-        Base names of the free quantities. The initial value of an unknown temperature is 0, and
-        that of an unknown tangential force is the scene's, or 0.
+        Names of the free quantities without indices. An unknown temperature is set to 0, and an
+        unknown tangential force to 0 unless the scene has one.
 
     Returns
     -------
@@ -285,7 +288,7 @@ def _list_probes(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
 
 
 def _find_errors(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator[str]:
-    """Find the reasons why touches cannot be located by solves of a scene.
+    """Yield an error message for each reason why touches cannot be located by solves of a scene.
 
     Parameters
     ----------
@@ -294,7 +297,7 @@ def _find_errors(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator
     touches : int
         Number of simultaneous touches.
     unknown : sequence of str
-        Base names of the free quantities.
+        Names of the free quantities without indices.
 
     Yields
     ------

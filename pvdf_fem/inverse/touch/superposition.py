@@ -29,7 +29,7 @@ from pvdf_fem.inverse.touch.solved_charges import (
     SolvedResponse,
     make_single_probe_scene,
 )
-from pvdf_fem.inverse.touch.touch import is_plausible
+from pvdf_fem.inverse.touch.touch import mark_plausible
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.surrogate.charge_function import compute_unloaded_charges_pC, count_probes
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
@@ -46,9 +46,9 @@ def search_by_solves(
 ) -> SearchResult:
     """Search for the touch of one probe, or of two simultaneous ones, by full solves.
 
-    Searches with coarse solves begin at the most likely candidates and beside the best end point,
-    and searches with fine solves continue from their distinct end points. The remaining candidates
-    follow if no end point explains the charges.
+    Searches with coarse solves begin at the candidates with the lowest chi-square, and then beside
+    the best end point. Searches with fine solves continue from the distinct end points. All this is
+    repeated for the remaining candidates if no end point explains the charges.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def search_by_solves(
     Returns
     -------
     SearchResult
-        The distinct end points, the best first; may be empty.
+        The distinct end points, with the lowest chi-square first; may be empty.
     """
     coarse = _make_coarse_problem(problem, response, options)
     swapped_columns = response.swapped_columns
@@ -81,7 +81,7 @@ def search_by_solves(
         finished = run_levenberg_marquardt(problem, ends.coordinates, options=options.solved_search)
         found.append(finished)
         min_chi_square = finished.ranking.min()[None]
-        if is_plausible(min_chi_square, problem.degrees_of_freedom, options.significance).any():
+        if mark_plausible(min_chi_square, problem.degrees_of_freedom, options.significance).any():
             break
     if not found:
         return ends
@@ -91,7 +91,7 @@ def search_by_solves(
 def _make_coarse_problem(
     problem: LocationProblem, response: SolvedResponse, options: LocateOptions
 ) -> LocationProblem:
-    """Return a copy of a problem with coarse solves, whose error is added to the deviations.
+    """Return a copy of a problem with coarse solves and accordingly larger standard deviations.
 
     Parameters
     ----------
@@ -105,8 +105,8 @@ def _make_coarse_problem(
     Returns
     -------
     LocationProblem
-        The errors of the charges are assumed to be uniformly distributed within the tolerance,
-        hence the factor 1/√3.
+        A problem whose variances include the errors of the coarse solves. These are assumed to be
+        uniformly distributed within the tolerance, hence the factor 1/√3.
     """
     coarse_response = replace(response, error_bound=options.coarse_tolerance)
     solve_error = options.coarse_tolerance / 3**0.5 * problem.charges_pC
@@ -161,7 +161,7 @@ def search_along_weak_direction(
 
 
 def _make_unheated_problems(problem: LocationProblem) -> Iterator[LocationProblem]:
-    """Yield problems with fixed temperatures, for which candidates can be superposed.
+    """Yield copies of a problem with fixed temperatures, for candidates by superposition.
 
     The first problem has the charges of all electrodes. If a temperature is unknown, problems that
     omit one electrode each follow, since a warm probe above an electrode changes its charge most.
@@ -187,7 +187,7 @@ def _make_unheated_problems(problem: LocationProblem) -> Iterator[LocationProble
 def _take_preliminary_steps(
     problem: LocationProblem, scene_touch: Array, options: LocateOptions
 ) -> Array:
-    """Find superposed candidates, improve them by a few search steps and rank them.
+    """Find candidates by superposition, improve them by a few search steps, and sort them.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def _take_preliminary_steps(
     Returns
     -------
     ndarray, shape (n, k)
-        Coordinates after these steps, those with the lowest chi-square first.
+        Coordinates after the steps, those with the lowest chi-square first.
     """
     preliminary = replace(options.solved_search, max_steps=options.preliminary_steps)
     candidates = find_superposed_candidates(problem, scene_touch, options)
@@ -212,7 +212,7 @@ def _take_preliminary_steps(
 def _select_distinct(
     problem: LocationProblem, ends: SearchResult, swapped_columns: Indices, options: LocateOptions
 ) -> SearchResult:
-    """Select the distinct end points of searches at which the scene could be solved.
+    """Select the distinct and likely end points of searches at which the scene could be solved.
 
     Parameters
     ----------
@@ -224,12 +224,12 @@ def _select_distinct(
     swapped_columns : ndarray of int
         Columns after equal probes are exchanged, see `SolvedResponse.swapped_columns`.
     options : LocateOptions
-        Limits that decide which end points are duplicates.
+        Limits that decide which end points are likely, and which are duplicates.
 
     Returns
     -------
     SearchResult
-        Distinct end points, the best first; may be empty.
+        Distinct end points of converged searches, the lowest chi-square first; may be empty.
     """
     if swapped_columns.size:
         first_x = ends.coordinates[:, TouchColumn.X]
@@ -255,7 +255,7 @@ class _Superpositions(NamedTuple):
 def find_superposed_candidates(
     problem: LocationProblem, scene_touch: Array, options: LocateOptions
 ) -> Array:
-    """Find initial candidates by fitting superposed charges of single touches.
+    """Find initial candidates by fitting sums of the charges of single touches.
 
     Parameters
     ----------
@@ -270,7 +270,7 @@ def find_superposed_candidates(
     Returns
     -------
     ndarray, shape (n, k)
-        Coordinates of the candidates, the best first.
+        Coordinates of the candidates, the best fit first; may be empty.
 
     Notes
     -----
@@ -306,7 +306,7 @@ def find_superposed_candidates(
 def _fit_superpositions(
     problem: LocationProblem, tables: Sequence[SingleTouches]
 ) -> _Superpositions:
-    """Fit all combinations of single touches to the measured charges.
+    """Fit sums of the charges of single touches to the measured charges, for all combinations.
 
     Parameters
     ----------
@@ -318,8 +318,8 @@ def _fit_superpositions(
     Returns
     -------
     _Superpositions
-        Combinations in which every probe presses with at least `MIN_FORCE_FRACTION`, the best fit
-        first.
+        Combinations in which the amplitude of every probe is positive and above
+        `MIN_FORCE_FRACTION` of the sum, the best fit first.
 
     Notes
     -----
@@ -347,13 +347,14 @@ def _fit_superpositions(
     reduction = (right_sides * amplitudes).sum(axis=1)
     total = np.abs(amplitudes).sum(axis=1, keepdims=True)
     is_pressing = (amplitudes > MIN_FORCE_FRACTION * total).all(axis=1)
-    order = np.argsort(-np.where(is_pressing, reduction, -np.inf))[: is_pressing.sum()]
+    descending = np.argsort(-np.where(is_pressing, reduction, -np.inf))
+    order = descending[: is_pressing.sum()]
     positions = np.concatenate([table.positions_mm for table in tables])
     return _Superpositions(positions[combinations_of_rows[order]], amplitudes[order])
 
 
 def _list_combinations(tables: Sequence[SingleTouches]) -> Indices:
-    """List all combinations of one single touch of each probe.
+    """List all ways to combine one single touch of each probe.
 
     Parameters
     ----------
@@ -364,7 +365,7 @@ def _list_combinations(tables: Sequence[SingleTouches]) -> Indices:
     Returns
     -------
     ndarray of int, shape (n, probes)
-        Row indices of the touches in the concatenated tables.
+        Row indices of the touches in all tables, concatenated.
     """
     first_rows = range(len(tables[0].positions_mm))
     if len(tables) == 1:
@@ -388,7 +389,7 @@ def _choose_apart(positions_mm: Array, options: LocateOptions) -> list[int]:
     Returns
     -------
     list of int
-        Indices of the chosen candidates, the best first.
+        Row indices of the chosen candidates, the best first.
     """
     chosen: list[int] = []
     for row in range(len(positions_mm)):

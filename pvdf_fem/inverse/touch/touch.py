@@ -20,7 +20,7 @@ DETERMINED_RATIO = 3.0
 
 
 def compute_p_values(chi_square: Array, degrees_of_freedom: int) -> Array:
-    """Compute the probability that a correct response has a larger chi-square.
+    """Compute p-values: the probability that a correct response has a larger chi-square.
 
     Parameters
     ----------
@@ -50,10 +50,10 @@ def compute_chi_square_limit(degrees_of_freedom: int) -> float:
     return float(chdtri(max(degrees_of_freedom, 1), SIGNIFICANCE))
 
 
-def is_plausible(
+def mark_plausible(
     chi_square: Array, degrees_of_freedom: int, significance: float = SIGNIFICANCE
 ) -> Mask:
-    """Return whether chi-square is small enough for the response to explain the charges.
+    """Mark values of chi-square that are small enough for the response to explain the charges.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def is_plausible(
     Returns
     -------
     ndarray of bool, shape (n,)
-        True where the p-value is not below `significance`, and also where chi-square is NaN.
+        True if the p-value is not below `significance`, and also if chi-square is NaN.
     """
     plausible: Mask = ~(compute_p_values(chi_square, max(degrees_of_freedom, 1)) < significance)
     return plausible
@@ -85,7 +85,7 @@ class CovarianceRoots(NamedTuple):
 
 
 def compute_covariance_roots(jacobian: Array, extents: Array) -> CovarianceRoots:
-    """Compute square roots R of covariances C = R Rᵀ from the curvature of the likelihood.
+    """Compute square roots R of covariances R Rᵀ of the unknowns from derivatives of the charges.
 
     Parameters
     ----------
@@ -98,9 +98,9 @@ def compute_covariance_roots(jacobian: Array, extents: Array) -> CovarianceRoots
     Returns
     -------
     CovarianceRoots
-        Square roots of the inverse information matrices (JᵀJ)⁻¹. A direction is undetermined if its
-        standard deviation exceeds a third of the domain; its variance is then limited to about the
-        squared size of the domain.
+        Square roots of (JᵀJ)⁻¹, the inverse of the curvature of the log-likelihood. A direction is
+        undetermined if its standard deviation exceeds the size of the domain divided by
+        `DETERMINED_RATIO`; the standard deviation is then limited to the size of the domain.
 
     Notes
     -----
@@ -113,6 +113,7 @@ def compute_covariance_roots(jacobian: Array, extents: Array) -> CovarianceRoots
     eigenvalues, directions = np.linalg.eigh(information)
     eigenvalues = np.maximum(eigenvalues, 0.0)
     undetermined = eigenvalues < DETERMINED_RATIO**2
+    # Adding 1 limits the standard deviation of an undetermined direction to the domain.
     lengths = 1.0 / np.sqrt(eigenvalues + undetermined)
     return CovarianceRoots(directions * lengths[..., None, :] * extents[..., None], undetermined)
 
@@ -143,7 +144,7 @@ EXPLAINED_STATUSES = (TouchStatus.LOCATED, TouchStatus.AT_EDGE, TouchStatus.AMBI
 
 
 def decide_status(explained: bool, ambiguous: bool, at_edge: bool) -> TouchStatus:
-    """Return the status of a search that converged.
+    """Return the status of measured charges for which a search converged.
 
     Parameters
     ----------
@@ -185,8 +186,8 @@ class Touch(Result):
     #: Probability of a larger chi-square if the response is correct; NaN unless there are more
     #: charges than unknown quantities.
     p_value: float
-    explained: bool  #: Whether the touch explains the charges, see `is_plausible`.
-    #: Probability that this is the true one of the touches of its location, from 0 to 1.
+    explained: bool  #: Whether the touch explains the charges, see `mark_plausible`.
+    #: Probability that this one of the touches of a `Location` is the true one, from 0 to 1.
     weight: float
     #: Names of the limits of the response's domain at which the touch is, ``reach_mm`` or
     #: ``force_N``; empty inside. The true touch may be beyond the limits.
@@ -196,9 +197,9 @@ class Touch(Result):
     def null_directions(self) -> Array:
         """Directions in the space of the unknowns that the charges do not determine.
 
-        An ndarray of shape (n, unknown). Each row is one standard deviation long, in units of the
-        unknowns. If a touch moves by a third of the domain along a row, its charges change by less
-        than their standard deviation.
+        An ndarray of shape (n, unknown). Each row is one standard deviation long, in the units of
+        the unknowns. If the touch moves along a row by a third of the domain's size, the charges
+        change by less than their standard deviation.
         """
         directions = self.covariance_root.T[self.undetermined]
         # The sign of an eigenvector is arbitrary: make the largest component positive,
@@ -215,11 +216,11 @@ class Touch(Result):
 
     @property
     def covariance(self) -> Array:
-        """Covariance by the curvature of the likelihood at this touch; shape (unknown, unknown).
+        """Covariance of the unknowns by the curvature of the likelihood; shape (unknown, unknown).
 
-        It is the covariance of the errors if the charges are nearly linear within the errors;
-        otherwise see `Location.covariance`. Along a direction that the charges do not determine,
-        the standard deviation is limited to the size of the response's domain.
+        Other touches are not considered, and the charges are assumed to be linear within a few
+        standard deviations of this touch; see also `Location.covariance`. Along a direction that
+        the charges do not determine, the standard deviation is limited to the size of the domain.
         """
         return self.covariance_root @ self.covariance_root.T
 
@@ -227,13 +228,13 @@ class Touch(Result):
     def deviations(self) -> dict[str, float]:
         """Standard deviations of the unknowns by name, from `covariance`.
 
-        `Location.deviations` has calibrated ones.
+        Unlike those of `Location.compute_deviations` they do not include other touches.
         """
         return dict(zip(self.unknown, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     @cached_property
     def by_name(self) -> dict[str, float]:
-        """Values of all quantities by name."""
+        """Values of all quantities, free or fixed, by name."""
         return dict(zip(self.quantity_names, self.values.tolist(), strict=True))
 
     @property
@@ -257,14 +258,14 @@ class Touch(Result):
         return self.by_name["force_N"]
 
     def summary(self) -> Summary:
-        """Return the values to print, without their errors, which `Location` prints."""
+        """Return weight and values to print; `Location.summary` has the standard deviations."""
         values = ", ".join(f"{name} {value:.4g}" for name, value in self.by_name.items())
         return Summary(f"probability {self.weight:.3g}", [values])
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain values for JSON, without the errors, which `Location.to_json` adds.
+        """Return plain values for JSON, with None for a p-value that is NaN.
 
-        A p-value that is NaN is None.
+        `Location.to_json` adds standard deviations and covariance.
         """
         directions = []
         for direction in self.null_directions.tolist():

@@ -34,17 +34,17 @@ class Touches(TabularResult):
     #: Covariances by the curvature of the likelihood, like `Touch.covariance`;
     #: shape (n, unknown, unknown).
     covariances: Array
-    #: Standard deviations from `covariances`, or calibrated ones like `Location.deviations` if
-    #: these were requested; shape (n, unknown).
+    #: Standard deviations from `covariances`; or, if `locate_many` was called with `calibrated`,
+    #: from the posterior distribution, like `Location.deviations`; shape (n, unknown).
     deviations: Array
-    #: Numbers of further likely touches, like `Location.alternatives`; NaN unless calibrated
-    #: deviations were requested; shape (n,).
+    #: Numbers of further likely touches, like `Location.alternatives`; NaN unless `calibrated` was
+    #: set; shape (n,).
     alternatives: Array
     determined: Mask  #: Whether the charges determine every unknown; shape (n,).
     chi_square: Array  #: Sums of the squared whitened residuals; shape (n,).
     p_value: Array  #: Probabilities of a larger chi-square; shape (n,).
-    #: Mistakes in the readings that, once corrected, let a touch explain them, in words; empty
-    #: where there is none; shape (n,).
+    #: Mistakes in the readings, in words, whose correction would let a touch explain them; empty if
+    #: there is none; shape (n,).
     explanations: NDArray[np.object_]
     at_edge: Mask  #: Whether the touch is at a limit of the response's domain; shape (n,).
 
@@ -59,7 +59,7 @@ class Touches(TabularResult):
         Parameters
         ----------
         status : ndarray of TouchStatus, shape (n,)
-            Initial status of each row. The array is kept, and `store` writes into it.
+            Initial status of each row. The array is not copied, and `store` changes it.
         unknown : tuple of str
             Names of the free quantities.
         reading : str
@@ -88,14 +88,15 @@ class Touches(TabularResult):
         return np.isfinite(self.chi_square) & (self.status != TouchStatus.UNEXPLAINED)
 
     def store(self, rows: Indices, problem: LocationProblem, ends: SearchResult) -> None:
-        """Store the touches of some rows in the arrays of this object.
+        """Write the touches of some rows, with their status, into the arrays of this object.
 
-        Deviations that are not NaN were calibrated before and are kept.
+        Before that, the caller may fill in `alternatives`, which has an effect on the status, and
+        deviations from the posterior distribution, which are not overwritten.
 
         Parameters
         ----------
         rows : ndarray of int, shape (m,)
-            Rows to fill in.
+            Indices of the rows to fill in.
         problem : LocationProblem
             The problem with the charges of these m rows.
         ends : SearchResult
@@ -111,10 +112,11 @@ class Touches(TabularResult):
         self.chi_square[rows] = described.chi_square
         self.p_value[rows] = described.p_value
         self.covariances[rows] = roots @ roots.swapaxes(1, 2)
-        by_curvature = np.sqrt(np.einsum("nuu->nu", self.covariances[rows]))
-        calibrated = self.deviations[rows]
-        is_missing = np.isnan(calibrated)
-        self.deviations[rows] = np.where(is_missing, by_curvature, calibrated)
+        variances = np.einsum("nuu->nu", self.covariances[rows])  # the diagonals
+        by_curvature = np.sqrt(variances)
+        from_posterior = self.deviations[rows]
+        is_missing = np.isnan(from_posterior)
+        self.deviations[rows] = np.where(is_missing, by_curvature, from_posterior)
         self.determined[rows] = ~described.undetermined.any(axis=1)
         limits = problem.find_active_limits(ends.coordinates)
         self.at_edge[rows] = [bool(names) for names in limits]
@@ -135,8 +137,8 @@ class Touches(TabularResult):
         -------
         dict of str to ndarray
             Columns of n values by name: the quantities; their deviations, NaN for fixed quantities;
-            chi-square and p-value; the number of alternatives, None if it was not requested; the
-            status; and a remark such as ``explained if`` with a mistake in the readings,
+            chi-square and p-value; the number of alternatives, None unless `calibrated` was set;
+            the status; and remarks such as ``explained if`` with a mistake in the readings,
             ``undetermined`` or ``at edge``.
         """
         deviations = np.full(self.values.shape, np.nan)
@@ -159,7 +161,7 @@ class Touches(TabularResult):
     columns = to_table
 
     def _make_remarks(self) -> NDArray[np.object_]:
-        """Return the remarks on each row, separated by semicolons; shape (n,)."""
+        """Return a text of remarks for each row, separated by semicolons or empty; shape (n,)."""
         has_touch = np.isfinite(self.chi_square)
         remarks = self.explanations.copy()
         remarks[has_touch & ~self.determined] += "; undetermined"

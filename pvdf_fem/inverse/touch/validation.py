@@ -27,7 +27,7 @@ UNITS = ("pC", "V")  #: Units of readings.
 
 
 def as_float(value: Any) -> float:
-    """Convert a value to a float; return NaN for a string and for anything else but a number."""
+    """Convert a number to a float; return NaN for a string or for what `float` does not accept."""
     if isinstance(value, str | bytes):
         return math.nan
     try:
@@ -45,14 +45,14 @@ def find_reading_errors(
     unloaded_charges: UnloadedCharges | None = None,
     unit: str = "pC",
 ) -> Iterator[str]:
-    """Find validation errors of readings, their unit and their standard deviations.
+    """Yield an error message for each mistake in readings, their unit and standard deviations.
 
     Parameters
     ----------
     scene : Scene
         Scene with the electrodes and their readout.
     readings : mapping
-        Readings in nominal pC by electrode.
+        Readings in nominal pC (volts times the channel's nominal capacitance) by electrode.
     sigma : float or mapping
         Standard deviation as a fraction of the signal, for all electrodes or by electrode.
     noise_pC : float, mapping or None
@@ -68,7 +68,7 @@ def find_reading_errors(
     Yields
     ------
     str
-        One line for each mistake.
+        One line for each mistake. If `readings` is not a mapping, only the unit is validated, too.
     """
     channels = get_channel_values(scene)
     names = ", ".join(channels)
@@ -100,12 +100,13 @@ def find_reading_errors(
 
 
 def _explain_bad_reading(value: Any, channel: ChannelValues, noise_pC: float | None) -> str:
-    """Return the reason why one reading is invalid, with advice.
+    """Return the reason why the reading of one electrode is invalid, with advice.
 
     Parameters
     ----------
     value : object
-        The reading, in nominal pC if it is a number.
+        The reading, in nominal pC (volts times the channel's nominal capacitance) if it is a
+        number.
     channel : ChannelValues
         Gain, offset and noise of the electrode's channel.
     noise_pC : float or None
@@ -129,7 +130,7 @@ def _explain_bad_reading(value: Any, channel: ChannelValues, noise_pC: float | N
 def _find_deviation_errors(
     key: str, deviations: Deviations, readings: Mapping[str, Any], max_value: float
 ) -> Iterator[str]:
-    """Find validation errors of standard deviations.
+    """Yield an error message for each mistake in the standard deviations of readings.
 
     Parameters
     ----------
@@ -159,7 +160,7 @@ def _find_deviation_errors(
 
 
 def _find_unloaded_errors(scene: Scene, reading: str) -> Iterator[str]:
-    """Find the reasons why a film has no unloaded charges although `reading` requires them."""
+    """Yield messages if `reading` is ``change`` and the film has no equilibrium without a load."""
     from pvdf_fem.solver.adaptive import UnloadedFilmError  # imports gmsh
 
     try:
@@ -180,7 +181,7 @@ def find_quantity_errors(
     default: Mapping[str, float],
     centre_mm: Sequence[float] = (0.0, 0.0),
 ) -> Iterator[str]:
-    """Find validation errors of the free and fixed quantities of a touch.
+    """Yield an error message for each mistake in the free and fixed quantities of a touch.
 
     Parameters
     ----------
@@ -191,8 +192,7 @@ def find_quantity_errors(
     known : mapping
         Values of fixed quantities by name, in the frame of the scene's stage.
     default : mapping
-        Values of the scene by name; they count for quantities that are neither in `unknown` nor in
-        `known`.
+        Values of the scene by name, for quantities that are neither in `unknown` nor in `known`.
     centre_mm : sequence of two floats
         Position x, y of the film's centre in the same frame.
 
@@ -221,7 +221,7 @@ def find_quantity_errors(
 def _find_domain_errors(
     domain: Domain, fixed: Mapping[str, float], centre_mm: Sequence[float]
 ) -> Iterator[str]:
-    """Find fixed quantities outside of a response's domain.
+    """Yield an error message for a fixed position or force outside of a response's domain.
 
     Parameters
     ----------

@@ -108,8 +108,8 @@ class Baseline:
         decay = self.circuit.compute_decay(time_s - self._residual_at_s)
         return np.hypot(line_error, decay / math.sqrt(self._residual_samples))
 
-    def add_residual(self, start_s: float, end_s: float, voltages: Array) -> None:
-        """Replace the residual by the voltages that a finished contact has left.
+    def replace_residual(self, start_s: float, end_s: float, voltages: Array) -> None:
+        """Replace the residual by the mean of the decayed voltages that a contact has left.
 
         Parameters
         ----------
@@ -177,7 +177,7 @@ class Baseline:
         )
 
     def _restart(self, time_s: float, voltages: Array) -> None:
-        """Restart the line from one sample with zero slope and noise, but with the same residual."""
+        """Restart the line from one sample with zero slope and noise; the residual remains."""
         self.sample_count = 1
         self._residual_samples = 1
         self._time_s = time_s

@@ -144,8 +144,10 @@ class ChargeRecord:
         half = (top_count - 1) // 2
         offsets = np.arange(-half, half + 1)
         coefficient_count = min(3, len(offsets))  # A parabola has three coefficients.
+        # The value of the parabola at the offset 0 is its last coefficient, a weighted sum.
         weights = np.linalg.pinv(np.vander(offsets, coefficient_count))[-1]
-        first = int(np.argmax(np.convolve(sizes, np.ones(len(offsets)), "valid")))
+        window_sums = np.convolve(sizes, np.ones(len(offsets)), "valid")
+        first = int(np.argmax(window_sums))
         window = slice(first, first + len(offsets))
 
         noise = np.array([sample.noise_variance for sample in self.samples[window]])
@@ -194,7 +196,7 @@ class ChargeRecord:
         return bool(projection < limit and self._count_still_samples(4.0 * options.still_fraction))
 
     def _count_still_samples(self, fraction: float) -> int:
-        """Return the number of last samples in which the charges were constant, or 0.
+        """Return the number of last samples that are compared if their charges are constant, or 0.
 
         The charges were constant if the mean of these samples equals, within its error, the mean
         of equally many samples before them.
@@ -202,7 +204,8 @@ class ChargeRecord:
         Parameters
         ----------
         fraction : float
-            Number of samples to compare, as a fraction of all samples of the contact.
+            Number of samples to compare, as a fraction of all samples of the contact; at least
+            `TrackOptions.min_still_samples` are compared.
         """
         count = max(self.options.min_still_samples, int(fraction * len(self.samples)))
         if len(self.samples) <= 2 * count:

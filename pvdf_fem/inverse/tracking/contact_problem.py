@@ -56,14 +56,15 @@ class CandidateTouches:
 class ContactProblem(LocationProblem):
     """Least-squares problem of a contact whose force may be outside the range of the response.
 
-    The coordinates are x and y in mm, the rotation in degrees and the logarithm of the force in N.
+    The coordinates are x and y relative to the film's centre in mm, the rotation in degrees and the
+    logarithm of the force in N.
     Outside its range of forces, the response is extrapolated: the changes of the charges follow the
     power law of the force that is tangent at the minimum or maximum force (see `linearise`).
     """
 
     #: Charges of the unloaded film in pC, shape (electrodes,).
     unloaded_pC: Array = field(kw_only=True)
-    #: Values of the fixed coordinates, by index.
+    #: Values of the coordinates that are not searched for, by their index.
     fixed: Mapping[int, float] = field(kw_only=True)
     options: TrackOptions = field(kw_only=True)
 
@@ -201,7 +202,7 @@ class ContactProblem(LocationProblem):
         return end.coordinates[0], float(end.chi_square[0])
 
     def locate(self, sample: ChargeSample) -> CandidateTouches | None:
-        """Find the touches that explain the charges of a sample.
+        """Find the touches that fit the charges of a sample best, even if none explains them.
 
         Returns
         -------

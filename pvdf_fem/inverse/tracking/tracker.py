@@ -97,6 +97,7 @@ class Tracker:
             errors.append(f"unit = {unit}: choose from {', '.join(UNITS)}")
         if errors:
             raise ValueError("\n".join(errors))
+        # Coordinates of the contact problem are relative to the film's centre.
         fixed = {}
         for index, name in enumerate(TOUCH_QUANTITIES):
             if name not in unknown:
@@ -121,9 +122,8 @@ class Tracker:
         """Process a sample and return the state of the tracker.
 
         When a contact ends, its summary is appended to `touches`. At the first sample, if the time
-        does not increase, and if the pause before the sample is too long, the tracker restarts and
-        ignores the readings of the sample. It then cuts off a contact in progress and appends its
-        summary, too.
+        does not increase, or after too long a pause, the tracker restarts and ignores the readings
+        of the sample; the summary of a contact that this cuts off is appended, too.
 
         Parameters
         ----------
@@ -227,9 +227,8 @@ class Tracker:
     def _watch_baseline(self, t: float, voltages: Array) -> TrackRow:
         """Process a sample outside of contacts: begin a contact, or wait for the next sample.
 
-        If no contact begins and the detector has enough samples, its oldest one is added to the
-        baseline. While the baseline settles, the deviations count as zero, so that no contact is
-        detected.
+        If no contact begins and the detector is full, its oldest sample is added to the baseline.
+        While the baseline settles, the deviations count as zero, so that no contact is detected.
 
         Parameters
         ----------
@@ -283,7 +282,7 @@ class Tracker:
         return self._make_contact_row(samples[-1].time_s, contact)
 
     def _add_to_contact(self, contact: Contact, t: float, voltages: Array) -> None:
-        """Add a sample to a contact, and estimate the drift due to the error of the baseline.
+        """Add a sample to a contact, with the drift of the charges due to the baseline's error.
 
         Parameters
         ----------
@@ -348,7 +347,7 @@ class Tracker:
         """
         self.touches.append(self._summarise(contact, status))
         end_s, voltages = contact.record.get_voltages_after_end()
-        self._baseline.add_residual(end_s, t, voltages)
+        self._baseline.replace_residual(end_s, t, voltages)
         self._contact = None
         self._detector = ContactDetector(len(self.response.names), self._options)
 
@@ -389,7 +388,7 @@ class Tracker:
         )
 
     def _make_contact_row(self, t: float, contact: Contact) -> TrackRow:
-        """Make the row of the last sample of a contact; without a position until it is located."""
+        """Make the row of the last sample of a contact, without a touch until it is located."""
         locator = contact.locator
         if locator.candidates is None:
             return TrackRow(t, TrackStatus.STARTING, len(self.touches) + 1)

@@ -34,6 +34,7 @@ class Ellipse(Outline):
     second: float
 
     def __post_init__(self) -> None:
+        """Replace the vectors by read-only copies."""
         for name in ("centre", "first"):
             vector = np.array(getattr(self, name), dtype=float)
             vector.setflags(write=False)
@@ -72,7 +73,7 @@ class Ellipse(Outline):
         Parameters
         ----------
         angles : ndarray, shape (n,)
-            Angles on the unit circle in radians; the ellipse is the circle's image.
+            Angles in radians on the unit circle, of which the ellipse is the image.
 
         Returns
         -------
@@ -103,29 +104,29 @@ class Ellipse(Outline):
         to_disc = np.linalg.inv(self.axes)
         z = (points - self.centre) @ to_disc.T
         radius = np.hypot(z[:, 0], z[:, 1])
-        z[radius == 0.0] = 1.0, 0.0
+        z[radius == 0.0] = 1.0, 0.0  # at the centre, take the direction of the first axis
         outward = z / np.where(radius > 0.0, radius, 1.0)[:, None]
         return (radius - 1.0) / np.linalg.norm(outward @ to_disc, axis=1)
 
     def compute_depth_in(self, other: Outline) -> float:
-        """Compute the maximum depth of the ellipse's points in another outline.
+        """Compute how far the ellipse extends into another outline.
 
         Parameters
         ----------
         other : Outline
-            The other outline.
+            The outline in whose interior the depth is measured, from its boundary inwards.
 
         Returns
         -------
         float
-            Depth in m, negative if the whole ellipse is outside.
+            Maximum depth in m of the ellipse's points, negative if all are outside.
 
         Notes
         -----
         A grid along the ellipse is refined around each local maximum, until its spacing is 1e-8
         radians. The error of the depth is quadratic in the spacing.
         """
-        angles = _make_even_angles()
+        angles = _make_even_angles()  # first the whole ellipse, later a row for each local maximum
         step = angles[1]
         deepest = -np.inf
         while step > 1e-8:
@@ -143,7 +144,9 @@ class Ellipse(Outline):
         return deepest
 
     def compute_arc_midpoints(self, starts: Array, ends: Array) -> Array:
-        """Compute midside nodes with which curved elements have the area of the ellipse.
+        """Compute the midside nodes of quadratic elements along the ellipse.
+
+        With these nodes, the elements together have the area of the ellipse.
 
         Parameters
         ----------
@@ -177,7 +180,7 @@ class Ellipse(Outline):
         return self.centre + radius[:, None] * outward @ self.axes.T
 
     def make_boundary_rule(self, count: int) -> tuple[Array, Array]:
-        """Make a quadrature rule on the boundary, with points at equal angles.
+        """Make a quadrature rule on the boundary, with points at equal angles on the unit circle.
 
         Parameters
         ----------
@@ -206,6 +209,7 @@ class Ellipse(Outline):
         a, b = (self.axes**2).sum(axis=0)
         powers = np.array([b - a, 2j * q - 2.0 * p, 0.0, 2j * q + 2.0 * p, a - b])
         powers[np.abs(powers) < 1e-30 * (a + b)] = 0.0  # np.roots divides by the leading one
+        # the angle 0 is for circles about the film's centre, whose polynomial is zero
         angles = np.append(np.angle(np.roots(powers)), 0.0)
         return float(np.linalg.norm(self.compute_points(angles), axis=1).max())
 
@@ -216,7 +220,7 @@ class Ellipse(Outline):
 
     @cached_property
     def defining_points(self) -> Array:
-        """The ends of the axes in m, shape (4, 2)."""
+        """The ends of the axes in m, counter-clockwise, shape (4, 2)."""
         return self.centre + np.concatenate([self.axes.T, -self.axes.T])
 
     def transform(self, frame: Array, shift: Array | float = 0.0) -> Ellipse:
@@ -225,5 +229,5 @@ class Ellipse(Outline):
 
 
 def _make_even_angles() -> Array:
-    """Make `CORNERS` evenly spaced angles in radians, from 0 on."""
+    """Make `CORNERS` evenly spaced angles in radians, from 0 to below 2 pi."""
     return 2.0 * np.pi * np.arange(CORNERS) / CORNERS

@@ -56,7 +56,7 @@ class Outline(ABC):
 
     @cached_property
     def perimeter(self) -> float:
-        """Length of the outline in m."""
+        """Length of the outline in m, for curved outlines by quadrature."""
         _, normals = self.make_boundary_rule(1024 if self.is_curved else 1)
         return float(np.linalg.norm(normals, axis=1).sum())
 
@@ -85,7 +85,7 @@ class Outline(ABC):
 
     @property
     def defining_length(self) -> float:
-        """Length in m that the points do not determine, such as a circle's radius. Default: 0."""
+        """Length in m that `defining_points` do not determine, such as a circle's radius, or 0."""
         return 0.0
 
     @property
@@ -101,7 +101,7 @@ class Outline(ABC):
     @property
     @abstractmethod
     def inscribed_polygon(self) -> shapely.Polygon:
-        """A polygon whose corners are on the outline."""
+        """A polygon whose corners are on the outline; a polygonal outline itself."""
 
     @cached_property
     def equal_area_polygon(self) -> shapely.Polygon:
@@ -146,27 +146,29 @@ class Outline(ABC):
 
     @abstractmethod
     def compute_depth_in(self, other: Outline) -> float:
-        """Compute the maximum depth of the boundary's points in another outline.
+        """Compute how far the boundary of this outline extends into another outline.
 
         Parameters
         ----------
         other : Outline
-            The other outline.
+            The outline in whose interior the depth is measured, from its boundary inwards.
 
         Returns
         -------
         float
-            Depth in m, negative if the whole boundary is outside.
+            Maximum depth in m of the boundary's points, negative if all are outside.
 
         Notes
         -----
         `has_overlap` uses the larger of both outlines' depths to detect overlaps that are only
-        slightly larger than round-off. It is then enough that a polygon checks its corners: if the
-        other outline penetrates a side, the other outline has the larger depth.
+        slightly larger than round-off. Polygons compute the depth of their corners only: if the
+        other outline penetrates a side between corners, the depth of the other outline is larger.
         """
 
     def compute_arc_midpoints(self, starts: Array, ends: Array) -> Array:
-        """Compute midside nodes with which curved elements have the area of a curved outline.
+        """Compute the midside nodes of quadratic elements on a curved boundary.
+
+        With these nodes, the elements together have the area of the outline.
 
         Subclasses with curved boundaries override this method.
 
@@ -210,10 +212,10 @@ class Outline(ABC):
         Parameters
         ----------
         other : Outline
-            The other outline.
+            The outline to compare with; its `defining_points` may start at another point.
         slack : float
-            Maximum difference in m of each coordinate of the defining points, which may start at
-            another point, and of the defining length.
+            Maximum difference in m of each coordinate of the defining points, and of the defining
+            length.
 
         Returns
         -------
@@ -223,26 +225,27 @@ class Outline(ABC):
         other_points = other.defining_points
         if type(self) is not type(other) or len(points) != len(other_points):
             return False
+        # the point of the other outline that is nearest to the first point of this one
         first = np.abs(other_points - points[0]).max(axis=1).argmin()
         offsets = np.roll(other_points, -first, axis=0) - points
         length_offset = abs(self.defining_length - other.defining_length)
         return bool(max(np.abs(offsets).max(), length_offset) <= slack)
 
     def make_signature(self, unit: float, digits: int) -> tuple[str | float, ...]:
-        """Make values that are equal for outlines that cover the same points.
+        """Make a tuple that is equal for outlines that agree up to the rounding of lengths.
 
         Parameters
         ----------
         unit : float
-            Unit of lengths in m.
+            Length in m that is the unit of the rounded lengths.
         digits : int
             Number of decimals to which lengths in this unit are rounded.
 
         Returns
         -------
         tuple of str and float
-            Name of the class, `defining_length`, and the coordinates of `defining_points`, starting
-            from the lexicographically smallest point.
+            Name of the class, `defining_length`, and the coordinates of `defining_points`, all in
+            `unit`. The points start from the one with the smallest x, and of these the smallest y.
         """
         # the sum turns -0.0 into 0.0, which has another text
         rounded = (np.round(self.defining_points / unit, digits) + 0.0).tolist()
@@ -255,11 +258,12 @@ class Outline(ABC):
 def has_overlap(a: Outline, b: Outline) -> bool:
     """Return whether the interiors of two outlines intersect.
 
-    Outlines that only touch, up to `LENGTH_TOLERANCE`, do not overlap.
+    Outlines that only touch do not overlap; nor do those that intersect by less than the fraction
+    `LENGTH_TOLERANCE` of their distance from the film's centre.
     """
     polygon_a = a.inscribed_polygon
     polygon_b = b.inscribed_polygon
-    # this margin is much larger than the distance between an arc and its chord
+    # far apart: this margin is much larger than the distance between an arc and its chord
     if not shapely.dwithin(polygon_a, polygon_b, 1e-4 * (a.perimeter + b.perimeter)):
         return False
     slack = LENGTH_TOLERANCE * max(a.reach, b.reach)
@@ -274,7 +278,7 @@ def has_overlap(a: Outline, b: Outline) -> bool:
 def average_over(
     region: shapely.Geometry, field: Callable[[Array], Array], lines: int = 24
 ) -> float:
-    """Compute an approximate mean of a field over a region, from the values on a raster.
+    """Compute the approximate mean of a field over a region, from its values on a grid.
 
     Parameters
     ----------
@@ -283,13 +287,13 @@ def average_over(
     field : callable
         Function that maps points in m, an ndarray of shape (n, 2), to values of shape (n,).
     lines : int
-        Number of cells of the raster along x and along y. The field is evaluated at the centres of
-        cells in the region, or at one point of the region if there are none.
+        Number of cells of the grid along x and along y. The field is evaluated at those centres of
+        cells that are in the region, or at one point of the region if there are none.
 
     Returns
     -------
     float
-        In the unit of the field.
+        Mean in the unit of the field.
     """
     low, high = np.reshape(region.bounds, (2, 2))
     cells = np.indices((lines, lines)).reshape(2, -1).T

@@ -34,6 +34,7 @@ class Polygon(Outline):
     vertices: Array
 
     def __post_init__(self) -> None:
+        """Replace the vertices by a read-only copy in counter-clockwise order."""
         vertices = np.array(self.vertices, dtype=float)
         if _compute_moments(vertices).area < 0:
             vertices = vertices[::-1].copy()
@@ -98,7 +99,10 @@ class Polygon(Outline):
         return np.where(shapely.contains(polygon, geometries), -distance, distance)
 
     def compute_depth_in(self, other: Outline) -> float:
-        """Compute the maximum depth of the vertices in another outline, in m, negative outside."""
+        """Compute the maximum depth of the vertices in another outline; see the base class.
+
+        Points between the vertices may be deeper.
+        """
         return -float(other.compute_signed_distances(self.vertices).min())
 
     def make_boundary_rule(self, count: int) -> tuple[Array, Array]:
@@ -147,7 +151,7 @@ def make_triangle_corners(side: float) -> Array:
 
 
 def find_polygon_defect(vertices: Sequence[Sequence[float]]) -> str | None:
-    """Find out why vertices do not form a simple polygon that can be meshed.
+    """Describe why vertices do not form a simple polygon that can be meshed.
 
     Parameters
     ----------
@@ -157,7 +161,8 @@ def find_polygon_defect(vertices: Sequence[Sequence[float]]) -> str | None:
     Returns
     -------
     str or None
-        The reason in words; None for a simple polygon without details that are too small.
+        The first defect that is found, in words: repeated vertices, vertices on a line, a boundary
+        that crosses itself, or a detail smaller than 1e-6 of the extent. None without a defect.
     """
     points = np.asarray(vertices, dtype=float)
     extent = float(np.ptp(points, axis=0).max())
@@ -180,7 +185,7 @@ def find_polygon_defect(vertices: Sequence[Sequence[float]]) -> str | None:
 def _compute_moments(vertices: Array) -> _Moments:
     """Compute signed area and centroid of a polygon by Green's theorem.
 
-    Vertices are taken relative to the first one to avoid cancellation.
+    Positions relative to the first vertex are used, to avoid cancellation.
     """
     starts = vertices - vertices[0]
     ends = np.concatenate([starts[1:], starts[:1]])

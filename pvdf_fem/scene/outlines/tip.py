@@ -64,11 +64,11 @@ class Tip(ABC):
 
     @abstractmethod
     def make_offset_outline(self, distance: float) -> Outline:
-        """Make the outline at a distance in m from the face."""
+        """Make the outline of the points at a distance in m from the face, or an approximation."""
 
     @abstractmethod
     def fit_outline(self, points: Array) -> Outline:
-        """Fit an outline to points around the face.
+        """Fit an outline to points around the face, such as the edge of the contact area.
 
         Parameters
         ----------
@@ -78,6 +78,7 @@ class Tip(ABC):
         Returns
         -------
         Outline
+            An ellipse for a disc or a sphere, and a polygon for a polygon.
         """
 
     @abstractmethod
@@ -89,17 +90,18 @@ class Tip(ABC):
         motion : ndarray, shape (2,)
             Displacement in m.
         stretch : float
-            Relative increase of the face's size: lengths of the face grow by 1 + stretch.
+            Relative increase of the face's lengths. The radius of the rounding does not change.
 
         Returns
         -------
         Tip
+            Of the same class.
         """
 
     @property
     @abstractmethod
     def face(self) -> Outline | None:
-        """Outline of the flat face, where the tip's curvature jumps; None for a sphere."""
+        """Outline of the flat face in m, where the tip's curvature jumps; None for a sphere."""
 
     @property
     @abstractmethod
@@ -131,12 +133,12 @@ class Tip(ABC):
         return value, first, second
 
     def compute_height(self, points: Array) -> Height:
-        """Compute the height of the tip above its lowest point.
+        """Compute the height of the tip's surface above its lowest point, with derivatives.
 
         Parameters
         ----------
         points : ndarray, shape (n, 2)
-            Points in m.
+            Points in m in the plane of the film.
 
         Returns
         -------
@@ -153,6 +155,7 @@ class Tip(ABC):
         n = distances.normal
         value, first, second = self.compute_profile(d)
         normal = n[:, :, None] * n[:, None, :]
+        # κ z' off the face; its limit 1 / rho counts only at the lowest point of a sphere
         across = np.where(d > 0.0, first * distances.curvature, 1.0 / self.radius)
         is_curved = (d > 0.0) | (distances.curvature > 0.0)
         transverse = is_curved[:, None, None] * across[:, None, None] * (np.eye(2) - normal)
@@ -162,7 +165,7 @@ class Tip(ABC):
 
 @dataclass(frozen=True, eq=False)
 class DiscTip(Tip):
-    """A disc with a rounded edge, or a sphere.
+    """A tip whose flat face is a disc with a rounded edge, or a sphere.
 
     Parameters
     ----------
@@ -179,7 +182,7 @@ class DiscTip(Tip):
     face_radius: float = 0.0
 
     def move(self, motion: Array, stretch: float) -> DiscTip:
-        """Return a copy that is moved, and whose face is enlarged; see `Tip.move`."""
+        """Return a copy that is moved and whose face is enlarged; see `Tip.move`."""
         face_radius = (1.0 + stretch) * self.face_radius
         return replace(self, centre=self.centre + motion, face_radius=face_radius)
 
@@ -216,7 +219,7 @@ class DiscTip(Tip):
         Parameters
         ----------
         points : ndarray, shape (n, 2)
-            Points in m.
+            Points in m, in any order.
 
         Returns
         -------
@@ -250,7 +253,7 @@ class _Sides(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PolygonTip(Tip):
-    """A convex polygon with a rounded edge.
+    """A tip whose flat face is a convex polygon with a rounded edge.
 
     Parameters
     ----------
@@ -264,7 +267,7 @@ class PolygonTip(Tip):
     radius: float
 
     def move(self, motion: Array, stretch: float) -> PolygonTip:
-        """Return a copy that is moved, and whose face is enlarged; see `Tip.move`."""
+        """Return a copy that is moved and whose face is enlarged; see `Tip.move`."""
         vertices = self.polygon.vertices
         offsets = vertices - self.polygon.centroid
         return replace(self, polygon=Polygon(vertices + motion + stretch * offsets))
@@ -281,6 +284,7 @@ class PolygonTip(Tip):
 
     @cached_property
     def _sides(self) -> _Sides:
+        """The sides of the face, counter-clockwise."""
         starts = self.polygon.vertices
         return _Sides(starts, np.roll(starts, -1, axis=0) - starts)
 
@@ -297,18 +301,18 @@ class PolygonTip(Tip):
         foot = nearest[rows, side]
         position = along[rows, side]  # on the side, from 0 to 1
 
-        is_left_of_side = vectors[:, 0] * (points[:, None, 1] - starts[:, 1]) >= vectors[:, 1] * (
-            points[:, None, 0] - starts[:, 0]
-        )
+        # the face is convex: a point is on it if it is to the left of all sides
+        is_left_of_side = vectors[:, 0] * offsets[..., 1] >= vectors[:, 1] * offsets[..., 0]
         is_outside = ~is_left_of_side.all(axis=1) & (distance > 0.0)
         value = np.where(is_outside, distance, 0.0)
         safe_value = np.where(is_outside, value, 1.0)
+        # lines of equal distance are arcs about a corner, and straight beside a side
         is_at_corner = is_outside & ((position <= 0.0) | (position >= 1.0))
         normal = np.where(is_outside[:, None], (points - foot) / safe_value[:, None], 0.0)
         return Distances(value, normal, curvature=is_at_corner / safe_value)
 
     def make_offset_outline(self, distance: float) -> Polygon:
-        """Make a polygon with few corners at about a distance in m from the face."""
+        """Make a polygon with few corners, all at about `distance` (in m) from the face."""
         offset = self.polygon.inscribed_polygon.buffer(distance, quad_segs=4)
         return _simplify(offset, distance)
 
@@ -321,16 +325,16 @@ class PolygonTip(Tip):
 
 
 def _simplify(shape: shapely.Polygon, width: float, detail: float = 0.03) -> Polygon:
-    """Simplify a polygon to one with fewer corners.
+    """Return a polygon without those corners that hardly change its outline.
 
     Parameters
     ----------
     shape : shapely.Polygon
         The polygon, with coordinates in m.
     width : float
-        Width in m of the strip between the face and the polygon.
+        Width in m of the strip between the tip's face and the polygon.
     detail : float
-        Maximum deviation of the sides, as a fraction of `width`.
+        Maximum distance of a removed corner from the new outline, as a fraction of `width`.
 
     Returns
     -------
@@ -347,7 +351,7 @@ def make_tip(outline: Outline, edge_radius_mm: float | None) -> Tip:
     outline : Outline
         Outline of the probe, including its rounded edge, in m.
     edge_radius_mm : float or None
-        Radius of the rounded edge, or of a sphere; None for a sharp edge.
+        Radius of the rounded edge, or of a sphere, in mm. None or 0 for a sharp edge.
 
     Returns
     -------
@@ -356,7 +360,8 @@ def make_tip(outline: Outline, edge_radius_mm: float | None) -> Tip:
     Raises
     ------
     ValueError
-        If the probe cannot be a tip; the message is the reason.
+        If the edge is sharp, leaves no flat face, or the outline is neither a circle nor a convex
+        polygon. The message is a reason for `format_error`, without an advice.
     """
     radius = (edge_radius_mm or 0.0) / 1e3
     if not radius:

@@ -70,7 +70,7 @@ class Layout(ShapedTable):
 
     @cached_property
     def electrodes(self) -> tuple[Electrode, ...]:
-        """The electrodes on the ring, then the one at the centre if there is one."""
+        """The electrodes on the ring, counter-clockwise, then the one at the centre if any."""
         count = self.count or 4
         first_deg = self.first_angle_deg or 0.0
         if self.layout == "three":
@@ -80,6 +80,7 @@ class Layout(ShapedTable):
         centres_mm = [rotate([self.ring_radius_mm, 0.0], angle) for angle in angles_deg]
         if self.centre:
             centres_mm.append(np.zeros(2))
+        # there are more letters than electrodes
         return tuple(
             Electrode.model_validate(
                 {"name": name, "x_mm": float(x), "y_mm": float(y), "shape": self.geometry}
@@ -89,7 +90,7 @@ class Layout(ShapedTable):
 
     @classmethod
     def list_common_keys(cls) -> set[str]:
-        """Return the keys that are valid for every value of ``layout``."""
+        """Return the names of the keys, other than ``shape``, that every ``layout`` may have."""
         own = {name for name in cls.model_fields if cls.key_of(name).needs is None}
         return own - {"geometry"} | set(cls.shapes[cls.default_shape].list_sizes())
 

@@ -23,7 +23,7 @@ class LoadedProbe:
     probe : Probe
         The shape with its position.
     load : Load
-        The load resolved from the scene's keys and the probe's own ones.
+        The scene's load with the keys that the probe overrides.
     """
 
     key: str

@@ -49,7 +49,7 @@ class Patch(PlacedShape):
 
     @classmethod
     def list_layer_keys(cls) -> set[str]:
-        """Return the keys of the layer without those of its shape and position."""
+        """Return the names of a patch's keys other than those of its shape and position."""
         return set(cls.model_fields) - set(PlacedShape.model_fields)
 
     @property

@@ -45,7 +45,7 @@ class OneOfShapes:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        """Make the schema of a union whose model is chosen by the key ``shape``."""
+        """Make pydantic's schema of a union of the shapes, chosen by the key ``shape``."""
         choices = {name: handler.generate_schema(shape) for name, shape in self.shapes.items()}
         return tagged_union_schema(choices, discriminator="shape", from_attributes=True)
 
@@ -73,10 +73,12 @@ class ShapedTable(Section):
     @model_validator(mode="before")
     @classmethod
     def _group_shape_keys(cls, table: Any) -> Any:
-        """Move the keys of the shape into an inner table below ``shape``.
+        """Return a copy of the table with the keys of the shape in an inner table ``shape``.
 
-        All keys that are not the table's own are moved, and the shape refuses those that it does
-        not know. The sizes of an unknown shape are dropped, so that the only error is the shape.
+        All keys that are not the table's own are moved there, and default sizes are added. The
+        shape refuses keys that it does not know. The sizes of an unknown shape are dropped, so that
+        the only error is the shape. A table whose shape is a `Shape`, and anything that is not a
+        table, is returned unchanged.
         """
         if not isinstance(table, Mapping):
             return table
@@ -94,7 +96,10 @@ class ShapedTable(Section):
 
     @model_serializer(mode="wrap")
     def _spread_shape_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Move the keys of the shape back beside the table's own keys."""
+        """Serialize the table with the keys of its shape beside its own keys.
+
+        The own keys come first, then the keys of the position and those of the shape.
+        """
         table = handler(self)
         geometry = table.pop("geometry", {})
         placement = {key: table.pop(key) for key in PLACEMENT_KEYS if key in table}
@@ -103,7 +108,7 @@ class ShapedTable(Section):
     if not TYPE_CHECKING:  # type checkers must not accept every name as an attribute
 
         def __getattr__(self, name: str) -> Any:
-            """Return a size of the shape, such as ``radius_mm``."""
+            """Return a size of the shape, such as ``radius_mm``, or raise `AttributeError`."""
             geometry = self.__dict__.get("geometry")
             if geometry is not None and name in type(geometry).model_fields:
                 return getattr(geometry, name)
@@ -111,7 +116,7 @@ class ShapedTable(Section):
 
     @classmethod
     def list_required_sizes(cls, shape: str) -> list[str]:
-        """Return the size keys of a shape for which this table has no default."""
+        """Return those size keys of a shape that have no default size in this table."""
         defaults = cls.default_sizes.get(shape, {})
         return [name for name in cls.shapes[shape].list_sizes() if name not in defaults]
 
@@ -122,7 +127,7 @@ class ShapedTable(Section):
 
     @property
     def table_keys(self) -> Mapping[str, Key]:
-        """The keys of the table and of its shape, by name."""
+        """Descriptions of the keys of the table and of its shape, by name."""
         return _collect_table_keys(type(self), type(self.geometry))
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
@@ -131,7 +136,7 @@ class ShapedTable(Section):
         Parameters
         ----------
         update : mapping of str to object, optional
-            New values by key; sizes of the shape are replaced in `geometry`.
+            New values by key. Sizes of the shape are allowed, too, and are set in `geometry`.
         deep : bool
             Whether to copy the values that are not replaced, too.
 
@@ -148,11 +153,13 @@ class ShapedTable(Section):
 
 @cache
 def _list_own_keys(table: type[ShapedTable]) -> frozenset[str]:
+    """Return the names of a table's keys without ``shape`` and the sizes."""
     return frozenset(table.model_fields) - {"geometry"}
 
 
 @cache
 def _collect_table_keys(table: type[ShapedTable], shape: type[Shape]) -> dict[str, Key]:
+    """Collect the keys of a table with a shape: its own keys, ``shape`` and the sizes, by name."""
     own = {name: table.key_of(name) for name in table.model_fields if name != "geometry"}
     sizes = {name: shape.key_of(name) for name in shape.list_sizes()}
     return {**own, "shape": table.shape_key, **sizes}
@@ -176,7 +183,7 @@ class PlacedShape(ShapedTable):
 
     @property
     def period_deg(self) -> float:
-        """Smallest rotation in degrees that maps the shape onto itself; 0 for a circle."""
+        """Smallest rotation in degrees that maps the shape onto itself; 0 if every one does."""
         return self.geometry.period_deg
 
     @property
@@ -186,5 +193,8 @@ class PlacedShape(ShapedTable):
 
 
 def tag_table_or_list(value: Any) -> str:
-    """Return the tag of a union's member: ``<list>`` for a list, ``<table>`` for anything else."""
+    """Return the tag by which pydantic chooses between a list of tables and a single table.
+
+    It is ``<list>`` for a list or tuple, and ``<table>`` for anything else.
+    """
     return "<list>" if isinstance(value, list | tuple) else "<table>"

@@ -43,6 +43,7 @@ class Probe(PlacedShape):
     @field_validator("edge_radius_mm")
     @classmethod
     def _reject_edge_of_sphere(cls, value: float | None, info: ValidationInfo) -> float | None:
+        """Refuse an edge radius on a sphere."""
         if value is not None and isinstance(info.data.get("geometry"), SphereShape):
             reason = "is incompatible with a sphere, which has no edge; remove it"
             raise make_validation_error(reason)
@@ -75,7 +76,12 @@ class ListedProbe(Probe):
     @model_validator(mode="before")
     @classmethod
     def _move_forces_out_of_load(cls, table: Any) -> Any:
-        """Move forces and depth from ``load`` into the probe's own table, where they are stored."""
+        """Return a copy of the table with forces and depth moved out of ``load``.
+
+        They are stored in the probe's own table. Those that this table has already stay in
+        ``load``, which is then refused by `_reject_repeated_force`. Anything that is not a table
+        with an inner table ``load`` is returned unchanged.
+        """
         load = table.get("load") if isinstance(table, Mapping) else None
         if isinstance(load, LoadOverrides):
             load = load.model_dump()
@@ -92,6 +98,7 @@ class ListedProbe(Probe):
     @field_validator("load")
     @classmethod
     def _reject_repeated_force(cls, value: LoadOverrides | None) -> LoadOverrides | None:
+        """Refuse a force or depth in ``load`` that the probe has in its own table, too."""
         for key in FORCE_KEYS:
             if getattr(value, key, None) is not None:
                 reason = f"has {key}, which the probe also has outside of load; remove one of them"
@@ -100,23 +107,24 @@ class ListedProbe(Probe):
 
     @classmethod
     def list_load_keys(cls) -> tuple[str, ...]:
-        """Return the keys of a listed probe that override the scene's load."""
+        """Return the names of the keys with which a listed probe overrides the scene's load."""
         return (*FORCE_KEYS, "load")
 
     @property
     def overrides(self) -> dict[str, Any]:
-        """The values of the load's keys that the probe gives itself, by key, ``kind`` first."""
+        """The values of the load that the probe gives itself, by key; ``kind`` is the first key."""
         load = {} if self.load is None else self.load.model_dump()
         forces = {key: getattr(self, key) for key in FORCE_KEYS}
         return {**load, **{key: value for key, value in forces.items() if value is not None}}
 
     def resolve_load(self, scene_load: Load) -> Load:
-        """Return the probe's load: the scene's load with the keys that the probe overrides.
+        """Return the load of this probe.
 
         Parameters
         ----------
         scene_load : Load
-            The scene's load.
+            The scene's load, from which keys are taken that the probe does not override. Keys that
+            do not go with the overridden ones are omitted, see `set_key`.
 
         Returns
         -------
@@ -130,20 +138,28 @@ class ListedProbe(Probe):
         return _merge_loads(scene_load, tuple(self.overrides.items()))
 
     def inherits_load_key(self, key: str) -> bool:
-        """Return whether the probe takes a key of the load from the scene's load."""
+        """Return whether the probe takes a key of the load from the scene's load.
+
+        It does so if it neither overrides the key nor overrides another key in a way that excludes
+        this one, as ``depth_mm`` excludes ``force_N``.
+        """
         overrides = self.overrides
-        return key not in overrides and key in _override({key: None}, overrides)
+        if key in overrides:
+            return False
+        # `_override` removes the keys that the overrides exclude
+        return key in _override({key: None}, overrides)
 
 
 @lru_cache(maxsize=1024)
 def _merge_loads(load: Load, overrides: tuple[tuple[str, Any], ...]) -> Load:
+    """Return a load with overridden keys, which are given as pairs of key and value."""
     return Load(**_override(load.model_dump(), dict(overrides)))
 
 
 def _override(table: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Override keys of a load's table in place, and return the table.
+    """Set keys of a load's table in place, and return this table.
 
-    Keys that the new values make obsolete are removed, see `set_key`.
+    Keys that do not go with the new values are removed, see `set_key`.
     """
     for key, value in overrides.items():
         alternative = overrides.get(ALTERNATIVE_KEYS.get(key, ""))
@@ -152,16 +168,16 @@ def _override(table: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, 
 
 
 def find_load_key(where: str, probe: Any, key: str) -> str:
-    """Find the full key that sets a value of a probe's load.
+    """Return the dotted key in the scene file from which a value of a probe's load comes.
 
     Parameters
     ----------
     where : str
         Key of the probe, ``probe`` or ``probe[0]``.
     probe : Probe
-        The probe.
+        The probe that has this key.
     key : str
-        Name of the value in [load], such as ``force_N``.
+        Name of a key of the load, such as ``force_N``.
 
     Returns
     -------

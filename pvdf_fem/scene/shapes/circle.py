@@ -20,5 +20,5 @@ class CircleShape(Shape):
     """Radius of the circle."""
 
     def make_outline(self, x_mm: float, y_mm: float, rotation_deg: float) -> Circle:
-        """Make the outline with its centre at a point; see `Shape.make_outline`."""
+        """Make the outline about (x, y); the rotation is ignored. See `Shape.make_outline`."""
         return Circle(np.array([x_mm, y_mm]) / 1e3, self.radius_mm / 1e3)

@@ -34,7 +34,7 @@ class EllipseShape(Shape):
     """Semi-axes [a, b]; a is along x before the rotation."""
 
     def make_outline(self, x_mm: float, y_mm: float, rotation_deg: float) -> Ellipse:
-        """Make the outline with its centre at a point; see `Shape.make_outline`."""
+        """Make the outline about (x, y); see `Shape.make_outline`."""
         first, second = self.semi_axes_mm
         centre = np.array([x_mm, y_mm]) / 1e3
         return Ellipse(centre, rotate([first / 1e3, 0.0], rotation_deg), second / 1e3)

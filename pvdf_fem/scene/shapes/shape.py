@@ -44,7 +44,7 @@ class Shape(Section):
 
     @classmethod
     def list_sizes(cls) -> tuple[str, ...]:
-        """Return the names of the size keys, the most important size first."""
+        """Return the names of the size keys; error messages about the size name the first one."""
         return tuple(name for name in cls.model_fields if name != "shape")
 
     @abstractmethod
@@ -83,6 +83,6 @@ class PolygonalShape(Shape):
         """
 
     def make_outline(self, x_mm: float, y_mm: float, rotation_deg: float) -> Polygon:
-        """Make the outline with the reference point at a point; see `Shape.make_outline`."""
+        """Make the outline from the rotated and moved corners; see `Shape.make_outline`."""
         rotated = rotate(self.make_corners_mm(), rotation_deg)
         return Polygon((rotated + np.array([x_mm, y_mm])) / 1e3)

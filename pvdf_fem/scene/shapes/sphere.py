@@ -21,5 +21,8 @@ class SphereShape(Shape):
     """Radius of the sphere."""
 
     def make_outline(self, x_mm: float, y_mm: float, rotation_deg: float) -> Circle:
-        """Make the outline of the sphere seen from above; see `Shape.make_outline`."""
+        """Make the outline of the sphere seen from above; the rotation is ignored.
+
+        See `Shape.make_outline`.
+        """
         return Circle(np.array([x_mm, y_mm]) / 1e3, self.radius_mm / 1e3)

@@ -22,7 +22,8 @@ def _collect_requirements() -> dict[str, tuple[str, str | None]]:
     Returns
     -------
     dict of str to (str, str or None)
-        The other key and its required value, by key; None stands for any value.
+        By the name of the key: the name of the required key and the value that it must have, or
+        None if any value will do.
     """
     requirements = {}
     for table in (Load, Readout):
@@ -37,10 +38,10 @@ _REQUIREMENTS = _collect_requirements()
 
 
 def set_key(table: dict[str, Any], key: str, value: Any, alternative: Any = None) -> None:
-    """Set a key of a table in place, and remove the keys that become obsolete.
+    """Set a key of a table in place, and remove other keys that do not go with the new value.
 
-    Obsolete are keys that require another value of the key, and the key's alternative: setting
-    ``depth_mm`` removes ``force_N``.
+    Removed are keys that require another value of the key, keys that require these keys, and the
+    alternative of the key: setting ``depth_mm`` removes ``force_N``.
 
     Parameters
     ----------
@@ -49,17 +50,18 @@ def set_key(table: dict[str, Any], key: str, value: Any, alternative: Any = None
     key : str
         Name of the key in the table.
     value : object
-        The new value. If it is a dict of values by channel, no other key is removed.
+        The new value. If it is a dict, as for values by electrode, no other key is removed. If it
+        is None, the alternative of the key is not removed.
     alternative : object, optional
-        Value that the user gives for the alternative key at the same time. Then both keys are kept,
-        and validation reports that they are incompatible.
+        Value that the user gives for the alternative key at the same time. Then the alternative is
+        not removed, and validation reports that the two keys are incompatible.
     """
     if isinstance(value, dict):
         table[key] = value
         return
     for other, (decisive_key, needed) in _REQUIREMENTS.items():
         if other in table and decisive_key == key and value != needed:
-            set_key(table, other, None)
+            set_key(table, other, None)  # removes the keys that require the other key
             del table[other]
     if value is not None and alternative is None:
         table.pop(ALTERNATIVE_KEYS.get(key, ""), None)

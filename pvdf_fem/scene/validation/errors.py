@@ -53,7 +53,7 @@ REASONS = {
 def describe_scene_errors(
     error: ValidationError, data: Mapping[str, Any], model: type[BaseModel]
 ) -> list[str]:
-    """Describe all errors of a scene.
+    """Describe the errors of a scene, within its tables and between its valid tables.
 
     pydantic compares the tables of a scene with each other only if every table is valid by itself.
     Here the valid tables are compared even if others are invalid, so that users see the errors
@@ -87,7 +87,9 @@ def describe_scene_errors(
 
 
 def describe_errors(error: ValidationError, where: str, model: type[BaseModel]) -> Iterator[str]:
-    """Describe the errors within a table.
+    """Describe the errors that pydantic found within a table.
+
+    A list that is too short only because its invalid entries are left out has no line of its own.
 
     Parameters
     ----------
@@ -109,7 +111,7 @@ def describe_errors(error: ValidationError, where: str, model: type[BaseModel]) 
 
 
 def join_key(where: str, steps: Sequence[int | str]) -> str:
-    """Return the dotted key of names and indices below a key, such as ``section[0].title``."""
+    """Return the key `where` extended by names and indices, such as ``section[0].title``."""
     key = where
     for step in steps:
         if isinstance(step, int):
@@ -120,11 +122,12 @@ def join_key(where: str, steps: Sequence[int | str]) -> str:
 
 
 def _quote_unusual_key(key: str) -> str:
+    """Return a key, in quotes if it is long or has other characters than a bare key of TOML."""
     return key if re.fullmatch(r"[\w-]{1,60}", key) else quote(key)
 
 
 def _is_list_with_invalid_entries(details: ErrorDetails) -> bool:
-    """Return whether pydantic calls a list too short only because it skips invalid entries."""
+    """Return whether a list has enough entries, but pydantic counts only the valid ones."""
     is_short = details["type"] == "too_short"
     return is_short and len(details["input"]) >= details["ctx"]["min_length"]
 
@@ -206,7 +209,11 @@ def _to_file_steps(location: tuple[int | str, ...], is_last_step_a_key: bool) ->
 
 
 def _advise_on_key(location: tuple[int | str, ...], model: type[BaseModel]) -> str:
-    """Return advice on an unknown key, the last step of a location."""
+    """Return advice on the unknown key at the end of a location.
+
+    The advice is to choose a shape that has the key, a similar key or any known key, or to remove
+    the key. A key of listed electrodes in a layout has advice of its own.
+    """
     unknown = location[-1]
     form = _find_shaped_table(location[:-1])
     if form is None:
@@ -240,10 +247,10 @@ def _find_shaped_table(location: tuple[int | str, ...]) -> TableForm | None:
 
 
 def _find_keys(location: tuple[int | str, ...], model: type[BaseModel]) -> list[str]:
-    """Find the keys of the table at a location in a model.
+    """Return the names of all keys of the table at a location in a model.
 
-    Only the model itself, its own tables and the load of a listed probe are covered; for any other
-    location the list is empty.
+    The location may be that of the model itself (it is then empty), of one of its tables or of the
+    load of a listed probe. For any other location the list is empty.
     """
     if not location:
         return list(model.model_fields)
@@ -260,12 +267,15 @@ def _find_keys(location: tuple[int | str, ...], model: type[BaseModel]) -> list[
 
 
 def _find_quoted(text: str) -> list[str]:
-    """Return the words in single quotes."""
+    """Return the words that a message has in single quotes, without the quotes."""
     return re.findall("'([^']*)'", text)
 
 
 def _find_errors_between_valid_tables(data: Mapping[str, Any]) -> Iterator[str]:
-    """Find placement errors between those tables of a scene that are valid by themselves."""
+    """Yield placement errors between those tables of a scene that are valid by themselves.
+
+    The film takes part if its radius is valid, even if other keys of it are not.
+    """
     film = data.get("film")
     radius = {}
     if isinstance(film, dict) and "radius_mm" in film:
@@ -300,12 +310,13 @@ def _validate_entries(name: str, model: type[Section], tables: Any) -> dict[str,
     model : type of Section
         Model of its tables.
     tables : object
-        The list; anything else has no valid tables.
+        The list of tables. For anything else, the result is empty.
 
     Returns
     -------
     dict of str to Section
-        By keys such as ``probe[0]``. Tables after the first `MAX_ERRORS` are ignored.
+        Models of the valid tables by keys such as ``probe[0]``. Tables after the first `MAX_ERRORS`
+        are ignored.
     """
     if not isinstance(tables, list):
         return {}
@@ -318,7 +329,7 @@ def _validate_entries(name: str, model: type[Section], tables: Any) -> dict[str,
 
 
 def _validate(model: Any, value: Any) -> Any:
-    """Validate a value, and return None if it is invalid."""
+    """Return the value as `model`, a model or another type; None if the value is invalid."""
     try:
         return TypeAdapter(model).validate_python(value)
     except ValidationError:

@@ -28,7 +28,7 @@ class SceneTables(NamedTuple):
     probes: Mapping[str, Probe]  #: By their keys, ``probe`` or ``probe[0]``.
 
     def get_kind(self, key: str) -> str:
-        """Return the kind of a probe's load, its own or else the scene's."""
+        """Return the ``kind`` of the load of the probe with a key: its own, or else the scene's."""
         probe = self.probes[key]
         own = probe.load if isinstance(probe, ListedProbe) else None
         return (own.kind if own else None) or self.load.kind
@@ -63,14 +63,14 @@ class IncompatibleKeys:
     advice: str = ""  #: By default, to change the first setting or to remove the second one.
 
     def find_errors(self, found: Mapping[Setting, Sequence[Occurrence]]) -> Iterator[str]:
-        """Find the pairs of keys that violate the rule.
+        """Yield an error message for each pair of keys that violates the rule.
 
-        Settings of two different probes do not violate it.
+        A setting of one probe is compatible with a setting of another probe.
 
         Parameters
         ----------
         found : mapping of Setting to sequence of Occurrence
-            The keys of a scene by the setting that they make.
+            For each setting, the keys and values by which the scene has it.
 
         Yields
         ------
@@ -88,21 +88,21 @@ class IncompatibleKeys:
 
 
 def _find_in_film(tables: SceneTables, name: str, value: Any = None) -> Iterable[Occurrence]:
-    """Find a key of the film with a value.
+    """Return the occurrence of a key of the film if the key has a given value.
 
     Parameters
     ----------
     tables : SceneTables
-        The tables of the scene.
+        The scene's tables, of which only the film is used.
     name : str
         Name of the key in the table ``film``.
     value : object, optional
-        The value to look for. By default any value except None, zero and false.
+        The value that the key must have. By default, any value except None, zero and false.
 
     Returns
     -------
     iterable of Occurrence
-        One occurrence or none.
+        A tuple of one occurrence, or an empty tuple.
     """
     found = getattr(tables.film, name)
     is_set = bool(found) if value is None else found == value
@@ -110,7 +110,7 @@ def _find_in_film(tables: SceneTables, name: str, value: Any = None) -> Iterable
 
 
 def _make_film_setting(name: str, value: Any = None) -> Setting:
-    """Make the setting of a key of the film, with the parameters of `_find_in_film`."""
+    """Make the setting that a key of the film has a value; by default any but None, 0 and false."""
     words = f"film.{name}"
     if value is not None:
         words += f' = "{value}"' if isinstance(value, str) else f" = {str(value).lower()}"
@@ -118,11 +118,13 @@ def _make_film_setting(name: str, value: Any = None) -> Setting:
 
 
 def _find_thesis_edges(tables: SceneTables) -> Iterator[Occurrence]:
+    """Yield the key of the observable if it is ``"thesis-edge"``."""
     if tables.observable == "thesis-edge":
         yield Occurrence("numerics.observable", tables.observable)
 
 
 def _find_orthotropy(tables: SceneTables) -> Iterator[Occurrence]:
+    """Yield the key that makes the film orthotropic: a pair of moduli, or else a shear modulus."""
     film = tables.film
     if isinstance(film.youngs_modulus_GPa, tuple):
         yield Occurrence("film.youngs_modulus_GPa", film.youngs_modulus_GPa)
@@ -131,6 +133,7 @@ def _find_orthotropy(tables: SceneTables) -> Iterator[Occurrence]:
 
 
 def _find_stretched_patches(tables: SceneTables) -> Iterator[Occurrence]:
+    """Yield ``bonded`` of the first patch that is not bonded at rest, if there is one."""
     for number, patch in enumerate(tables.film.patches or ()):
         if patch.bonded != "at rest":
             yield Occurrence(f"film.patches[{number}].bonded", patch.bonded)
@@ -138,11 +141,13 @@ def _find_stretched_patches(tables: SceneTables) -> Iterator[Occurrence]:
 
 
 def _find_stretched_patches_on_rubber(tables: SceneTables) -> Iterator[Occurrence]:
+    """Yield the occurrence of `_find_stretched_patches` if the film is rubber."""
     if tables.film.law == "neo-hookean":
         yield from _find_stretched_patches(tables)
 
 
 def _find_patches_under_probes(tables: SceneTables) -> Iterator[Occurrence]:
+    """Yield the key ``film.patches`` once if any patch overlaps any probe."""
     outlines = [patch.outline for patch in tables.film.patches or ()]
     for probe in tables.probes.values():
         if any(has_overlap(outline, probe.outline) for outline in outlines):
@@ -151,12 +156,14 @@ def _find_patches_under_probes(tables: SceneTables) -> Iterator[Occurrence]:
 
 
 def _find_tips(tables: SceneTables) -> Iterator[Occurrence]:
+    """Yield the key of the kind of each probe whose load is a contact."""
     for key, probe in tables.probes.items():
         if tables.get_kind(key) == "contact":
             yield Occurrence(find_load_key(key, probe, "kind"), "contact", probe=key)
 
 
 def _find_warm_probes(tables: SceneTables) -> Iterator[Occurrence]:
+    """Yield the key of each probe's temperature that differs from the film's."""
     for key, probe in tables.probes.items():
         if probe.temperature_K:
             yield Occurrence(f"{key}.temperature_K", probe.temperature_K, probe=key)
@@ -221,10 +228,10 @@ SETTINGS = {*(rule.first for rule in RULES), *(rule.second for rule in RULES)}
 
 
 def find_incompatible_keys(tables: SceneTables) -> Iterator[str]:
-    """Find keys of a scene that no model combines.
+    """Yield an error message for each pair of keys of a scene that `RULES` do not allow.
 
-    Besides `RULES`, this checks that the permittivity at constant strain is positive where the film
-    is coupled.
+    If `Film.coupling` is set, the permittivity at constant strain is checked, too: it must be
+    positive.
 
     Parameters
     ----------
@@ -234,7 +241,7 @@ def find_incompatible_keys(tables: SceneTables) -> Iterator[str]:
     Yields
     ------
     str
-        ``key = value: reason; advice`` for each error.
+        ``key = value: reason; advice`` for each error; equal messages are yielded once.
     """
     found = {setting: tuple(setting.find(tables)) for setting in SETTINGS}
     broken = [rule for rule in RULES if found[rule.first] and found[rule.second]]

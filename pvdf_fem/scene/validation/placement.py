@@ -33,7 +33,9 @@ def find_placement_errors(
     load: Load | None,
     observable: str,
 ) -> Iterator[str]:
-    """Find errors between shapes and loads that are each valid by themselves.
+    """Yield error messages on overlaps, shapes beyond the rim, and loads that do not fit a probe.
+
+    All tables are valid by themselves.
 
     Parameters
     ----------
@@ -44,9 +46,9 @@ def find_placement_errors(
     probes : mapping of str to Probe
         The probes by their keys, ``probe`` or ``probe[0]``.
     load : Load or None
-        The scene's load. With None, no load is checked, not even the own loads of probes.
+        The scene's load. With None, loads are not checked, not even those that probes override.
     observable : str
-        The scene's ``numerics.observable``. An unknown one requires nothing.
+        The scene's ``numerics.observable``. An unknown one is ignored.
 
     Yields
     ------
@@ -70,16 +72,16 @@ def find_placement_errors(
 def _find_load_errors(
     radius_mm: float | None, key: str, probe: Probe, scene_load: Load
 ) -> Iterator[str]:
-    """Find errors in the load of a probe, which combines the scene's keys and the probe's own.
+    """Yield error messages on incompatible keys in a load, or on a load that does not fit a probe.
 
     Parameters
     ----------
     radius_mm : float or None
-        Radius of the film in mm; with None, the probe is not compared with the rim.
+        Radius of the film in mm. With None, the probe is not compared with the rim.
     key : str
-        Key of the probe.
+        Key of the probe in the scene, which precedes the keys in the messages.
     probe : Probe
-        The probe.
+        The probe; if it is listed, its keys override those of the scene's load.
     scene_load : Load
         The scene's load.
 
@@ -101,8 +103,10 @@ def _find_load_errors(
                 yield format_error(name, details["input"], reason)
             return
     yield from _find_tip_errors(key, probe, load)
-    rim = np.inf if radius_mm is None else radius_mm / 1e3
-    is_on_rim = abs(probe.outline.reach - rim) <= LENGTH_TOLERANCE * rim < np.inf
+    is_on_rim = False
+    if radius_mm is not None:
+        rim = radius_mm / 1e3
+        is_on_rim = abs(probe.outline.reach - rim) <= LENGTH_TOLERANCE * rim
     if load.kind == "rigid" and is_on_rim:
         reason = "cannot move a probe that ends on the clamped rim"
         advice = "make the probe smaller or choose another kind"
@@ -115,7 +119,11 @@ def _find_load_errors(
 
 
 def _find_tip_errors(key: str, probe: Probe, load: Load) -> Iterator[str]:
-    """Find a contact load on a probe that is not a tip, or another kind of load on a tip."""
+    """Yield an error message if a probe and the kind of its load do not fit.
+
+    A contact load requires a rigid tip, and a rigid tip requires a contact load. An edge radius
+    with which the probe cannot be a tip is an error for any load.
+    """
     name = "shape" if probe.edge_radius_mm is None else "edge_radius_mm"
     value = getattr(probe, name)
     is_contact = load.kind == "contact"
@@ -161,8 +169,12 @@ def _are_electrodes_valid(
 def _find_electrode_errors(
     radius_mm: float | None, electrodes: _HashableElectrodes, observable: str
 ) -> Iterator[str]:
-    """Find all errors of electrodes; the parameters are those of `_are_electrodes_valid`."""
+    """Yield error messages on the placement of electrodes and on shapes unfit for the observable.
+
+    The parameters are those of `_are_electrodes_valid`.
+    """
     if isinstance(electrodes, Layout):
+        # the electrodes of a layout have the same shape: the first one stands for all
         keyed = {"electrodes": electrodes.electrodes[0]}
         yield from _find_layout_errors(radius_mm, electrodes)
     else:
@@ -174,7 +186,7 @@ def _find_electrode_errors(
 
 
 def _find_layout_errors(radius_mm: float | None, layout: Layout) -> Iterator[str]:
-    """Find electrodes of a layout that extend beyond the rim, and the first two that overlap."""
+    """Yield an error message if electrodes extend beyond the rim, and one if any two overlap."""
     key = "electrodes.ring_radius_mm"
     value = layout.ring_radius_mm
     electrodes = layout.electrodes
@@ -194,7 +206,7 @@ def _find_layout_errors(radius_mm: float | None, layout: Layout) -> Iterator[str
 def _find_list_errors(
     radius_mm: float | None, electrodes: Mapping[str, Electrode]
 ) -> Iterator[str]:
-    """Find listed electrodes that extend beyond the rim, have the same name or overlap."""
+    """Yield error messages on electrodes that extend beyond the rim, share a name or overlap."""
     if radius_mm is not None:
         for key, electrode in electrodes.items():
             yield from _find_rim_errors(key, electrode, radius_mm)
@@ -208,7 +220,7 @@ def _find_list_errors(
 
 
 def _find_overlaps(shapes: Mapping[str, PlacedShape]) -> Iterator[str]:
-    """Find pairs of shapes that overlap; the error is reported under the later one."""
+    """Yield an error message, with ``x_mm`` of the later shape, for each pair that overlaps."""
     for (first_key, first), (key, shape) in combinations(shapes.items(), 2):
         if has_overlap(first.outline, shape.outline):
             reason = f"{key} overlaps {first_key}; move one of them or make one smaller"
@@ -216,14 +228,14 @@ def _find_overlaps(shapes: Mapping[str, PlacedShape]) -> Iterator[str]:
 
 
 def _find_rim_errors(key: str, shape: PlacedShape, radius_mm: float) -> Iterator[str]:
-    """Find a shape that extends beyond the rim.
+    """Yield an error message if a shape extends beyond the rim.
 
-    A sphere that is not larger than the film is an exception: only its lowest point must be inside.
+    Of a sphere whose radius is not larger than the film's, only the lowest point must be inside.
 
     Parameters
     ----------
     key : str
-        Key of the shape's table.
+        Key of the shape's table, such as ``probe``.
     shape : PlacedShape
         The shape with its position.
     radius_mm : float
@@ -232,8 +244,9 @@ def _find_rim_errors(key: str, shape: PlacedShape, radius_mm: float) -> Iterator
     Yields
     ------
     str
-        ``key = value: reason; advice``, under a size of the shape if it would not fit even at the
-        centre, and else under a coordinate.
+        One error of the form ``key = value: reason; advice``, or none. The key is a size of the
+        shape if it would not fit even at the centre, and else the coordinate with the larger
+        magnitude.
     """
     limit_mm = radius_mm * (1 + LENGTH_TOLERANCE)
     reach_mm = shape.outline.reach * 1e3
@@ -255,7 +268,10 @@ def _find_rim_errors(key: str, shape: PlacedShape, radius_mm: float) -> Iterator
 
 
 def _describe_excess(reach_mm: float, radius_mm: float) -> str:
-    """Describe by how much a shape extends beyond the rim, and ask for the radius's unit."""
+    """Describe by how much a shape extends beyond the rim.
+
+    If the film's radius is unusual, but would be usual in another unit, a question follows.
+    """
     excess_mm = reach_mm - radius_mm
     text = f"extends {excess_mm:.3g} mm beyond the rim at film.radius_mm = {radius_mm:g}"
     question = Film.key_of("radius_mm").ask_likely_unit(radius_mm)
@@ -263,7 +279,10 @@ def _describe_excess(reach_mm: float, radius_mm: float) -> str:
 
 
 def _find_edge_errors(observable: str, electrodes: Mapping[str, Electrode]) -> Iterator[str]:
-    """Find electrodes that are not rectangles along x and y, as an observable requires."""
+    """Yield an error message for each electrode that is no rectangle with edges along x and y.
+
+    The observable, which requires such rectangles, is named in the messages.
+    """
     reason = f'numerics.observable = "{observable}" requires rectangles with edges along x and y'
     for key, electrode in electrodes.items():
         if not electrode.geometry.is_rectangle:

@@ -31,7 +31,10 @@ class TableForm:
 
     @cached_property
     def fields(self) -> dict[str, FieldInfo]:
-        """The fields of the table by key; those of position and shape come last."""
+        """The fields of the table and its shape by key; those of position and shape come last.
+
+        Sizes have the table's defaults.
+        """
         fields = {name: f for name, f in self.table.model_fields.items() if name != "geometry"}
         if self.shape is None or not issubclass(self.table, ShapedTable):
             return fields
@@ -56,7 +59,7 @@ class TableForm:
         return tuple(one for one in classes if issubclass(one, Section))
 
     def key_of(self, name: str) -> Key:
-        """Return the description of a key of the table or its shape."""
+        """Return the `Key` of a key of the table or of its shape."""
         if name == "shape" and issubclass(self.table, ShapedTable):
             return self.table.shape_key
         table = self.table if name in self.table.model_fields else self.shape
@@ -65,7 +68,10 @@ class TableForm:
 
 
 def list_forms(table: type[Section]) -> list[TableForm]:
-    """List a table with each of its shapes, the default shape first."""
+    """Return the forms of a table with each of its shapes, beginning with the default shape.
+
+    A table without shapes has a single form.
+    """
     if not issubclass(table, ShapedTable):
         return [TableForm(table)]
     default = table.default_shape

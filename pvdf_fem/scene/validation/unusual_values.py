@@ -9,6 +9,8 @@ from pvdf_fem.scene.scene_file import format_error
 def find_unusual_values(name: str, table: Section) -> list[str]:
     """Find numbers of a table that were probably given in another unit.
 
+    Pairs of numbers are not checked.
+
     Parameters
     ----------
     name : str

@@ -29,7 +29,7 @@ def compute_initial_guess(equilibrium: Equilibrium) -> Array:
     """
     laplace = equilibrium.assembly.matrix(equilibrium.space.laplace_matrices())
     forces = equilibrium.flat_forces
-    moving = np.flatnonzero(equilibrium.unknowns.deflections())
+    moving = np.flatnonzero(equilibrium.unknowns.mark_deflections())
     if not forces[moving].any():
         moving = np.arange(len(forces))
     stiffness = laplace[moving][:, moving].tocsc()

@@ -81,7 +81,8 @@ class CentreGrid:
         distance_count : int
             Number of distances.
         film_rotation_count : int, optional
-            Minimum number of rotations for an orthotropic film; 0 if the film is isotropic.
+            Minimum number of rotations for an orthotropic film; 0 if the film is isotropic. A disc
+            has a single rotation in either case.
         """
         is_disc = not probe.period_deg
         if not is_disc:
@@ -114,11 +115,12 @@ class CentreGrid:
 
     @property
     def centres_mm(self) -> Array:
-        """Positions of the film's centre.
+        """Positions of the film's centre in the frame of the probe.
 
         Returns
         -------
         ndarray, shape (distances, angles, 2)
+            x and y in mm.
         """
         angle = 2.0 * np.pi * np.arange(self.angle_count) / self.angle_count
         directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -128,7 +130,7 @@ class CentreGrid:
 
     @property
     def rotations_deg(self) -> Array:
-        """Rotations of the probe.
+        """Rotations of the probe in degrees, from 0 to below 180.
 
         Returns
         -------
@@ -138,7 +140,7 @@ class CentreGrid:
 
     @property
     def representatives(self) -> list[GridNode]:
-        """Nodes to solve: the first node of each set of images."""
+        """Nodes to solve: of each set of nodes that are images of one another, the first."""
         nodes = []
         for rotation, angle in np.ndindex(self.rotation_count, self.angle_count):
             node = GridNode(rotation, angle)
@@ -148,7 +150,7 @@ class CentreGrid:
 
     @property
     def probe_positions(self) -> Array:
-        """Positions of the probe to solve, ordered by distance, then by representative.
+        """Positions of the probe for which to solve, ordered by distance, then by representative.
 
         An array of shape (n, 3): x and y in mm, and the rotation in degrees.
         """
@@ -161,7 +163,10 @@ class CentreGrid:
         return np.array(positions)
 
     def find_images(self, node: GridNode) -> Iterator[SymmetryImage]:
-        """Find the images of a node under all symmetry operations, including the node itself."""
+        """Yield the image of a node under each symmetry operation, the identity first.
+
+        Several operations may give the same image.
+        """
         for k in range(self.symmetry_order):
             # Operation k rotates rim and film by 2 π k/order. Rotations of the film count modulo π.
             film_steps = k * 2 * self.rotation_count // self.symmetry_order
@@ -215,7 +220,7 @@ class CentreGrid:
         return expanded
 
     def compute_weights(self, centres_mm: Array, rotation: float) -> Array:
-        """Compute the interpolation weights of the nodes.
+        """Compute the weights of all nodes that interpolate the stress for positions of the centre.
 
         Parameters
         ----------
@@ -227,7 +232,8 @@ class CentreGrid:
         Returns
         -------
         ndarray, shape (n, rotations, distances, angles)
-            Weights; the interpolated stress is the sum of weights times the stress at the nodes.
+            Weights of the nodes: the interpolated stress is the sum over the nodes of weight times
+            stress.
         """
         distance = np.linalg.norm(centres_mm, axis=-1) / self.reach_mm
         angle = np.arctan2(centres_mm[:, 1], centres_mm[:, 0])
@@ -242,6 +248,7 @@ class CentreGrid:
         ahead = by_distance[:, : self.distance_count, None]
         behind = by_distance[:, self.distance_count :, None]
         by_centre = ahead * by_angle[:, None] + behind * by_opposite_angle[:, None]
+        # The stress has a period of 180 degrees in the rotation, so that its double has 360.
         to_rotations = 2.0 * (rotation - np.radians(self.rotations_deg))
         by_rotation = _evaluate_dirichlet_kernel(to_rotations, self.rotation_count)
         return by_centre[:, None] * by_rotation[:, None, None]

@@ -52,7 +52,7 @@ class PolarGrid:
         return along_ray, around
 
     def compute_coordinates(self, points_mm: Array) -> Array:
-        """Convert points to the coordinates of the grid.
+        """Convert Cartesian points to the coordinates s and θ of the grid.
 
         Parameters
         ----------
@@ -74,11 +74,12 @@ class PolarGrid:
 
     @property
     def samples_mm(self) -> Array:
-        """Points where the stress is sampled.
+        """Points in the frame of the probe at which the stress is sampled.
 
         Returns
         -------
         ndarray, shape (samples, θ, 2)
+            x and y in mm.
         """
         theta = self.axes[1].values
         directions = np.stack([np.cos(theta), np.sin(theta)], axis=-1)
@@ -108,8 +109,9 @@ class PolarGrid:
         Returns
         -------
         ndarray, shape (..., ρ, θ)
-            Radial means M(ρ) = 2/ρ² ∫ S r dr, from r = 0 to ρ, at the nodes of `axes`. At ρ = 0 it
-            is the mean of the innermost samples.
+            Radial means M(ρ) = 2/ρ² ∫ S r dr, from r = 0 to ρ, at the nodes of `axes`. At ρ = 0
+            they are the mean of the innermost samples; at negative ρ they are those of the opposite
+            ray.
         """
         rho_mm, weights_mm = self._ray_rule
         products = samples * (rho_mm * weights_mm)[:, None]

@@ -32,7 +32,7 @@ from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 from pvdf_fem.surrogate.stress.polar_grid import PolarGrid
 
 #: The stress is evaluated up to this fraction of the film's radius, to stay inside of the mesh.
-INSIDE = 0.999
+MAX_RADIUS_FRACTION = 0.999
 
 
 class ForceSolution(NamedTuple):
@@ -97,10 +97,10 @@ def solve_mean_stress(
     position : ndarray, shape (3,)
         Position x and y of the probe in mm and its rotation in degrees.
     forces_N : sequence of float
-        Forces in the order in which they are solved.
+        Forces in the order in which they are solved; each solution is the guess for the next one.
     polar_grid : PolarGrid
         Points about the probe. A point outside of the film has the stress of the nearest point at
-        the fraction `INSIDE` of the film's radius.
+        the fraction `MAX_RADIUS_FRACTION` of the film's radius.
     mesh_ratio : float
         Factor on the element sizes.
 
@@ -120,7 +120,8 @@ def solve_mean_stress(
     scene = scene.with_(**changes)
     points = 1e-3 * (rotate(polar_grid.samples_mm, rotation_deg) + np.array([x, y]))
     radius_fraction = np.linalg.norm(points, axis=-1, keepdims=True) / scene.film.radius
-    points_inside = points * INSIDE / np.maximum(radius_fraction, INSIDE)
+    # Points beyond the largest radius are moved onto it, the others are not changed.
+    points_inside = points * MAX_RADIUS_FRACTION / np.maximum(radius_fraction, MAX_RADIUS_FRACTION)
     to_probe = _make_stress_rotation(rotation_deg)
     shape = (3, *points.shape[:2])
 
@@ -143,8 +144,8 @@ def solve_mean_stress(
 def _make_stress_rotation(rotation_deg: float) -> Array:
     """Make the matrix that rotates the stress from the film's axes to the probe's axes.
 
-    A row vector S11, S22, S12 in the film's axes times this matrix, of shape (3, 3), is the row
-    vector in the axes of a probe with this rotation.
+    The matrix has the shape (3, 3). A row vector (S11, S22, S12) in the film's axes times the
+    matrix is the row vector of the same stress in the axes of a probe with this rotation.
     """
     c, s = rotate([1.0, 0.0], rotation_deg)
     cc, cs, ss = c * c, c * s, s * s
@@ -202,7 +203,7 @@ def solve_stresses(
 
 
 def _extrapolate_displacement(solutions: Sequence[ForceSolution], force_N: float) -> Array | None:
-    """Extrapolate the displacement from up to three last solutions; None if there are none.
+    """Extrapolate the displacement by a polynomial through up to three last solutions.
 
     Parameters
     ----------
@@ -210,6 +211,11 @@ def _extrapolate_displacement(solutions: Sequence[ForceSolution], force_N: float
         Solutions on the same mesh.
     force_N : float
         Force to extrapolate to.
+
+    Returns
+    -------
+    ndarray or None
+        Degrees of freedom of the displacement in m. None if there are no solutions.
     """
     if not solutions:
         return None
@@ -222,7 +228,7 @@ def _extrapolate_displacement(solutions: Sequence[ForceSolution], force_N: float
 def _solve_equilibrium(equilibrium: Equilibrium, guess: Array | None, force_N: float) -> Array:
     """Solve the equilibrium of the loaded film from an initial guess.
 
-    If Newton's method does not converge from the guess, the default guess is used instead.
+    If the solve does not converge from this guess, it is repeated from the default guess.
 
     Parameters
     ----------
@@ -254,9 +260,9 @@ def _solve_equilibrium(equilibrium: Equilibrium, guess: Array | None, force_N: f
 def _make_projection(space: Space) -> Callable[[Array], Array]:
     """Make a function that projects fields with jumps between elements onto continuous fields.
 
-    The function is the L2 projection, whose mass matrix is factorised only once. It maps values at
-    the quadrature points, of shape (elements, points, components), to nodal values of shape
-    (scalar dofs, components).
+    The function is the L2 projection. It maps values at the quadrature points, of shape
+    (elements, points, components), to nodal values of shape (scalar dofs, components). The mass
+    matrix is factorised once, here.
     """
     factors = factorise(asm(mass, space.basis).tocsc())
 

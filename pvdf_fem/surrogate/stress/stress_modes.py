@@ -64,8 +64,8 @@ class StressModes:
         Notes
         -----
         The method of snapshots (Sirovich, Quart. Appl. Math. 45 (1987) 561-590): a snapshot is the
-        stress at one position under one force, divided by the root mean square of the trace over
-        all positions under that force.
+        field of radial means at one position under one force, divided by the root mean square of
+        the trace over all solved positions under that force.
         """
         solved = np.reshape(means, (centre_grid.distance_count, -1, *np.shape(means)[1:]))
         S11, S22, S12 = np.moveaxis(solved, 3, 0)
@@ -75,6 +75,7 @@ class StressModes:
         # The shapes are (rotations, distances, angles, forces) and (components, ρ, θ).
         snapshot_shape, field_shape = stress.shape[:4], stress.shape[4:]
         snapshots = stress.reshape(int(np.prod(snapshot_shape)), -1)
+        # The eigenvalues, in ascending order, are the squares of the norms of the modes.
         energies, vectors = np.linalg.eigh(snapshots @ snapshots.T)
         vectors = vectors[:, energies > min_norm**2 * energies[-1]]
         modes = (vectors.T @ snapshots).reshape(-1, *field_shape)
@@ -99,8 +100,8 @@ class StressModes:
         electrodes : sequence of Outline
             Outlines of the electrodes.
         positions_mm : ndarray, shape (n, 2)
-            Positions of the probe. Outside the reach of the centre grid the charges are not valid
-            but continue smoothly, as if the rim were as far away as at the reach.
+            Positions of the probe. Beyond the reach of the centre grid the charges are continuous
+            but not valid: they are computed with the stress of the nearest position within it.
         rotation : float
             Rotation of the probe in radians.
         d_pC_N : tuple of float
@@ -160,8 +161,8 @@ class StressModes:
 
         Notes
         -----
-        The contour integral ½ ∮ M x·n dl, see the head of this module. The modes are the radial
-        means M; x is the position relative to the probe.
+        The integral over the electrode is the contour integral ½ ∮ M x·n dl, where the modes are
+        the radial means M and x is the position relative to the probe (Gauss's theorem).
         """
         side_mm = 1e3 * electrode.perimeter / max(4, len(electrode.boundary))
         count = max(min_points, int(np.ceil(side_mm / self.polar_grid.step_mm)))

@@ -41,7 +41,7 @@ def test_voltages_that_a_contact_leaves_are_estimated_from_few_samples(time_cons
     level = 0.1 + 0.02 * t + 0.5 * np.exp(-(t - 0.4) / time_constant_s)
     voltages = level[:, None] + NOISE_V * rng.standard_normal((len(t), CHANNELS))
     line = np.array([baseline.predict(time) for time in t[:6]])
-    baseline.add_residual(0.4, t[5], voltages[:6] - line)
+    baseline.replace_residual(0.4, t[5], voltages[:6] - line)
     for time, sample in zip(t[6:], voltages[6:], strict=True):
         baseline.add(time, sample)
     errors = (baseline.predict(t[-1]) - level[-1]) / NOISE_V
