@@ -20,35 +20,40 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene import Scene
 
-#: What a reading may measure, by the key of the scene, and its name in texts.
+#: What readings measure, in words, by the value of the scene's key ``readout.reading``.
 READINGS = {"total": "total charges", "change": "changes by the touch"}
-#: pC in a unit of charge.
+#: Size of each unit of charge in pC.
 CHARGE_UNITS_PC = {"pC": 1.0, "fC": 1e-3, "nC": 1e3, "µC": 1e6, "C": 1e12}
 
 
 @dataclass(frozen=True)
 class Channel:
-    """The channel of one electrode; all quantities are in SI units."""
+    """The channel of the readout that reads one electrode; all quantities are in SI units."""
 
     name: str
-    capacitance: float  #: In F: of the feedback, or of electrode and cable.
-    resistance: float = math.inf  #: In Ω; infinite where nothing discharges the capacitance.
-    gain: float = 1.0
-    offset: float = 0.0  #: In V.
+    #: Capacitance of a charge amplifier's feedback, or of electrode and cable, in F.
+    capacitance: float
+    #: Resistance in Ω that discharges the capacitance; infinite if there is none.
+    resistance: float = math.inf
+    gain: float = 1.0  #: Factor from the voltage of the capacitance to the reading.
+    offset: float = 0.0  #: Reading in V without charge.
     noise: float = 0.0  #: Standard deviation of readings in V.
 
     @property
     def time_constant(self) -> float:
-        """Time constant R C in s, within which the voltage decays to 1/e."""
+        """Time constant R C in s, within which the voltage decays to 1/e; may be infinite."""
         return self.resistance * self.capacitance
 
     def reading(self, charge: ArrayLike) -> Array:
-        """Return the readings in V just after charges in C have appeared suddenly."""
+        """Return the readings in V just after charges in C have appeared suddenly.
+
+        The result has the shape of `charge`. Noise is not added.
+        """
         charge = np.asarray(charge, dtype=float)
         return self.offset + self.gain * charge / self.capacitance
 
     def step(self, charge: float, time: ArrayLike) -> Array:
-        """Return the step response: readings after a charge appears suddenly and stays.
+        """Return the step response: readings after a constant charge appears suddenly.
 
         Parameters
         ----------
@@ -68,9 +73,9 @@ class Channel:
         return self.offset + self.gain * voltage
 
     def harmonic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """Return the transfer function from charge to reading, by frequency.
+        """Return the transfer function from charge to reading at given frequencies.
 
-        i ω R/(1 + i ω R C) is a high-pass filter, whose phase leads.
+        The gain times i ω R/(1 + i ω R C) is a high-pass filter; the reading leads the charge.
 
         Parameters
         ----------
@@ -89,17 +94,20 @@ class Channel:
 
 
 def list_units_pC(channels: Sequence[Channel]) -> dict[str, Array]:
-    """List the units of readings, with their nominal sizes in pC.
+    """List the units in which readings may be given, with their sizes in pC.
+
+    Units of voltage are converted by the capacitance of each channel. Gains and offsets are
+    ignored.
 
     Parameters
     ----------
     channels : sequence of Channel
-        Channels whose capacitances convert V to pC.
+        The channels that make the readings.
 
     Returns
     -------
     dict of str to ndarray, shape (channels,)
-        pC per unit.
+        For every unit, its size in pC on each channel.
     """
     units = {}
     for unit, size_pC in CHARGE_UNITS_PC.items():
@@ -137,7 +145,11 @@ def compute_capacitance(area: float, thickness: float, permittivity: float) -> f
 
 
 def make_channels(scene: Scene) -> tuple[Channel, ...]:
-    """Make the channels of a scene's electrodes; ideal ones if it has no ``[readout]``."""
+    """Make the channels of a scene's electrodes, in their order.
+
+    A scene without a table ``[readout]`` gets the default readout: charge amplifiers of gain 1,
+    without feedback resistance, offset and noise.
+    """
     readout = scene.readout or Readout()
     film = scene.film
     channels = []
@@ -169,11 +181,12 @@ def compute_readings_V(scene: Scene, charges_pC: ArrayLike, changes_pC: ArrayLik
     Parameters
     ----------
     scene : Scene
-        The scene, whose readout says whether total charges or changes are read.
+        The scene, whose key ``readout.reading`` says which charges are read; without a table
+        ``[readout]`` the changes are read.
     charges_pC : array_like, shape (electrodes,)
-        Total charges.
+        Total charges, which are ignored if changes are read.
     changes_pC : array_like, shape (electrodes,)
-        Changes of the charges by the touch.
+        Changes of the charges by the touch, which are ignored if total charges are read.
 
     Returns
     -------

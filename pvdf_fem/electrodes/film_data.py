@@ -17,15 +17,17 @@ from pvdf_fem.scene.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class FilmData:
-    """Fields of a solved film and the charges of its electrodes."""
+    """A solution on the whole film, with the charges of the electrodes."""
 
     equilibrium: Equilibrium  #: Equations of the whole film.
-    state: State  #: Their solution.
-    unknowns: int  #: Number of equations that were solved, perhaps of a sector of the film.
-    charges_pC: dict[str, float]  #: Charges by electrode.
-    charge_errors_pC: dict[str, float]  #: Their estimated errors.
-    contacts: dict[str, ContactResult]  #: Contacts of indenter tips, by patch.
-    included: Sequence[str]  #: Included effects beyond the membrane.
+    state: State  #: Solution of `equilibrium`.
+    #: Number of unknowns that were solved for, which may cover only a symmetry sector of the film.
+    unknowns: int
+    charges_pC: dict[str, float]  #: Charge of each electrode by its name.
+    charge_errors_pC: dict[str, float]  #: Estimated error of each charge by the electrode's name.
+    contacts: dict[str, ContactResult]  #: Contact of each rigid tip, by the name of its subdomain.
+    #: Descriptions of the effects beyond the plain membrane that the solution includes.
+    included: Sequence[str]
     #: Function that computes the contributions of the elements to the charge errors in C, shape
     #: (elements, electrodes).
     error_contributions: Callable[[], Array]
@@ -51,6 +53,6 @@ class FilmData:
         Returns
         -------
         PointValues
-            With the shape (elements, points).
+            Values whose arrays begin with the axes (elements, points).
         """
         return evaluate_in_elements(self.equilibrium, self.state, local)

@@ -11,20 +11,21 @@ from pvdf_fem.problem.problem import Problem
 
 
 def compute_heat_charges(problem: Problem, equilibrium: Equilibrium) -> Array:
-    """Compute the pyroelectric charges of a problem's outputs.
+    """Compute the charges of a problem's outputs by uniform warming and by warm probes.
 
     Parameters
     ----------
     problem : Problem
-        The problem, which defines the warming and the outputs; it may differ from that of
+        The problem, which defines the warming and the outputs. It may be another one than that of
         `equilibrium`.
     equilibrium : Equilibrium
-        Equations on the mesh that the temperature is integrated on.
+        Equations whose mesh and sector are used to integrate the warming by probes.
 
     Returns
     -------
     ndarray, shape (outputs,)
-        Charges in C: pyroelectric coefficient times the integral of the warming.
+        Charges in C: pyroelectric coefficient times the integral of the warming over the area of
+        each output. Zero for a film without such a coefficient.
     """
     film = problem.scene.film
     warming = (film.warming_K or 0.0) * output_areas(problem.outputs)

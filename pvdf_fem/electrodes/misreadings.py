@@ -11,26 +11,27 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import Channel, list_units_pC
 
-#: Maximum number of channels of which all permutations are tried.
+#: For up to this number of channels, all permutations are listed; for more, only pairwise swaps.
 MAX_PERMUTED = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Misreading:
-    """A mistake: readings in wrong columns, in a wrong unit, or with a wrong sign."""
+    """A mistake in readings: in wrong columns, in a wrong unit, or with a wrong sign."""
 
     kind: str  #: ``swapped_channels``, ``wrong_unit`` or ``wrong_sign``.
     text: str  #: The mistake in words.
-    order: tuple[int, ...]  #: The column of each channel.
-    factors: Array  #: Factors on the readings that correct them, shape (channels,).
+    order: tuple[int, ...]  #: For each channel, the column that contains its readings.
+    #: For each channel, the factor that corrects its readings, shape (channels,).
+    factors: Array
 
     @property
     def swapped_count(self) -> int:
-        """Number of channels in a wrong column."""
+        """Number of channels whose readings are in the column of another channel."""
         return sum(channel != column for channel, column in enumerate(self.order))
 
     def correct(self, readings: Array) -> Array:
-        """Return the readings that would have been recorded without the mistake.
+        """Return a copy of readings that is corrected for the mistake.
 
         Parameters
         ----------
@@ -40,23 +41,26 @@ class Misreading:
         Returns
         -------
         ndarray, shape (..., channels)
+            In the order of the channels.
         """
         return np.asarray(readings[..., self.order] * self.factors)
 
 
 def list_misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misreading]:
-    """List possible mistakes in readings: swapped columns, then wrong units, then wrong signs.
+    """Yield possible mistakes in readings: swapped columns, then wrong units, then wrong signs.
 
     Parameters
     ----------
     channels : sequence of Channel
-        Channels of the readings.
+        The channels that made the readings.
     unit : str
-        The unit of the readings, one of `list_units_pC`.
+        The unit that the readings are said to have, a key of `list_units_pC`.
 
     Yields
     ------
     Misreading
+        A single mistake; mistakes are not combined. The wrong sign is that of all channels, then
+        that of each channel alone.
     """
     names = [channel.name for channel in channels]
     same_order = tuple(range(len(channels)))
@@ -76,7 +80,7 @@ def list_misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misread
 
 
 def _describe_order(names: Sequence[str], order: Sequence[int]) -> str:
-    """Describe in words which channels are swapped, and for more than two the columns."""
+    """Describe in words which channels are swapped, and for more than two also their columns."""
     swapped = []
     columns = []
     for channel, column in enumerate(order):
@@ -90,18 +94,29 @@ def _describe_order(names: Sequence[str], order: Sequence[int]) -> str:
 
 
 def _list_unit_ratios(channels: Sequence[Channel], unit: str) -> Iterator[tuple[list[str], Array]]:
-    """Yield groups of other units of equal size, with their ratio to the given unit."""
-    units = list_units_pC(channels)
-    ratios = {other: size / units[unit] for other, size in units.items()}
-    for other, ratio in ratios.items():
-        # units may have equal size: 1 V on 1000 pF is 1 nC
-        equal = [name for name, size in ratios.items() if np.allclose(size, ratio, atol=0.0)]
-        if other == equal[0] and unit not in equal:
-            yield equal, ratio
+    """Yield every size of units that differs from the size of the given unit.
+
+    Yields
+    ------
+    names : list of str
+        The units of this size. There may be several: on channels of 1000 pF, 1 V is 1 nC.
+    ratio : ndarray, shape (channels,)
+        This size divided by that of the given unit, on each channel.
+    """
+    units_pC = list_units_pC(channels)
+    ratios = {name: size_pC / units_pC[unit] for name, size_pC in units_pC.items()}
+    for name, ratio in ratios.items():
+        equal_units = []
+        for other, other_ratio in ratios.items():
+            if np.allclose(other_ratio, ratio, atol=0.0):
+                equal_units.append(other)
+        is_first_of_size = name == equal_units[0]  # to yield every size once
+        if is_first_of_size and unit not in equal_units:
+            yield equal_units, ratio
 
 
 def _list_orders(count: int) -> Iterator[tuple[int, ...]]:
-    """Yield all permutations of few channels, and all swaps of two among many."""
+    """Yield wrong orders of channels: all up to `MAX_PERMUTED` channels, else swaps of two."""
     if count <= MAX_PERMUTED:
         orders = permutations(range(count))
         next(orders)  # skip the correct order

@@ -25,29 +25,29 @@ from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
 
 
 class RelativeElementSizes(NamedTuple):
-    """Element sizes of the first mesh, as fractions of area divided by perimeter."""
+    """Element sizes along outlines on the first mesh, in units of area divided by perimeter."""
 
-    electrode: float
-    probe: float
+    electrode: float  #: Along the outlines of electrodes.
+    probe: float  #: Along the outlines of probes.
 
 
 class Observable(ABC):
     """A definition of the stress integrals of an electrode."""
 
     name: ClassVar[str]  #: Value of the scene's key ``numerics.observable``.
-    #: Whether electrodes have to be rectangles along the axes of their scene.
+    #: Whether electrodes have to be rectangles along the axes of their scene, at no voltage.
     needs_edges: ClassVar[bool] = False
     #: Element sizes with which charges reach the usual tolerance in most scenes.
     relative_element_sizes: ClassVar[RelativeElementSizes]
 
     @abstractmethod
     def stress(self, film: Laminate, gradient: Array) -> Array:
-        """Return the stress that the electrode integrates.
+        """Compute the stress that the electrode integrates.
 
         Parameters
         ----------
         film : Laminate
-            The film, for its material law.
+            The film with its material law and its prestrain.
         gradient : ndarray, shape (..., 3, 2)
             Displacement gradient. It may be complex (for complex-step derivatives): the imaginary
             part of the stress is then the derivative times the imaginary step.
@@ -60,7 +60,14 @@ class Observable(ABC):
 
     @abstractmethod
     def samplings(self, outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
-        """Yield the points at which electrodes sample the stress, with their weights.
+        """Yield the points at which electrodes sample the stress, with quadrature weights.
+
+        Parameters
+        ----------
+        outputs : sequence of Output
+            The electrodes.
+        space : Space
+            The finite-element space in which the displacement is given.
 
         Raises
         ------
@@ -69,12 +76,15 @@ class Observable(ABC):
         """
 
     def is_defined_for(self, output: Output) -> bool:
-        """Return whether the observable is defined for an electrode."""
+        """Return whether the observable is defined for an electrode.
+
+        If it needs edges, it is defined for rectangles along the axes that carry no voltage.
+        """
         # the stress by a voltage jumps at the electrode's edge, so that the edge has no stress
         return not self.needs_edges or (output.has_edges and output.floating is None)
 
     def require_defined(self, outputs: Sequence[Output]) -> None:
-        """Raise a ValueError if the observable is not defined for one of the electrodes."""
+        """Raise ValueError if the observable is not defined for one of the electrodes."""
         if not all(self.is_defined_for(output) for output in outputs):
             reason = (
                 "needs electrodes that are rectangles along x and y at no voltage; use material"
@@ -83,17 +93,17 @@ class Observable(ABC):
 
 
 class Material(Observable):
-    """Integrals of S11 and S22 over the electrode's reference area."""
+    """The integrals of S11 and S22 over the electrode's area on the undeformed film."""
 
     name = "material"
     relative_element_sizes = RelativeElementSizes(electrode=5.0, probe=2.0)
 
     def stress(self, film: Laminate, gradient: Array) -> Array:
-        """Return the second Piola-Kirchhoff stress in film axes."""
+        """Compute the second Piola-Kirchhoff stress in film axes."""
         return film.stress(compute_strain(gradient))
 
     def samplings(self, outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
-        """Yield quadrature points over the electrodes' areas."""
+        """Yield quadrature points over the electrodes' areas, for X and Y at a time."""
         return sample_areas(outputs, space)
 
 
@@ -111,7 +121,7 @@ class ThesisEdge(Observable):
     relative_element_sizes = RelativeElementSizes(electrode=1.7, probe=1.4)
 
     def stress(self, film: Laminate, gradient: Array) -> Array:
-        """Return the Cauchy stress F S F^T / J in global axes.
+        """Compute the Cauchy stress F S F^T / J in global axes.
 
         J is the ratio of deformed to reference area: J² = det FᵀF = det(1 + 2 E).
         """
@@ -127,7 +137,7 @@ class ThesisEdge(Observable):
         return np.stack([xx, yy, xy], axis=-1) / J[..., None]
 
     def samplings(self, outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
-        """Yield quadrature points along the electrodes' edges."""
+        """Yield quadrature points along the electrodes' edges, for X and then for Y."""
         self.require_defined(outputs)
         return sample_edges(outputs, space)
 

@@ -59,12 +59,14 @@ class PointValues(TabularResult):
         return np.asarray(self.displacement_mm[..., 2])
 
     def columns(self) -> dict[str, Array]:
-        """Return a column for each coordinate, component and density.
+        """Return the columns of a table of the values.
 
         Returns
         -------
         dict of str to ndarray, shape (...)
-            Columns by their names, which end with the unit.
+            Coordinates, distances along a line if there are any, the components of displacement,
+            slopes, strain and stress, and the charge density. Names end with the unit if there is
+            one.
         """
         columns = {"x_mm": self.x_mm, "y_mm": self.y_mm}
         if self.distance_mm is not None:
@@ -78,7 +80,7 @@ class PointValues(TabularResult):
         return columns
 
     def summary(self) -> Summary:
-        """Summarize the range of the deflections, with a table of the first and last few points."""
+        """Summarize the range of the deflections that are not NaN, with a table of the points."""
         deflections = self.deflection_mm
         finite = deflections[np.isfinite(deflections)]
         span = "none"
@@ -89,7 +91,7 @@ class PointValues(TabularResult):
 
 
 class ElementValues(NamedTuple):
-    """Values of a solution at points in elements, each of shape (n, points, 3)."""
+    """Values of a solution at points in elements, all of one shape that ends with 3 components."""
 
     points_mm: Array  #: x, y and 0.
     displacement_mm: Array  #: u, v, w.
@@ -105,18 +107,18 @@ def evaluate_at(
     y_mm: ArrayLike,
     outside: Literal["refuse", "nan"] = "refuse",
 ) -> PointValues:
-    """Evaluate a solution at points.
+    """Evaluate a solution at points of the undeformed film.
 
     Parameters
     ----------
     equilibrium : Equilibrium
         Equations of the whole film.
     state : State
-        Their solution.
+        Solution of `equilibrium`.
     x_mm, y_mm : array_like
         Coordinates, numbers or arrays that broadcast together.
     outside : {"refuse", "nan"}, optional
-        For points that are not on the film, raise an error or return NaN.
+        Whether to raise an error if points are not on the film, or to return NaN for them.
 
     Returns
     -------
@@ -125,7 +127,8 @@ def evaluate_at(
     Raises
     ------
     ValueError
-        For coordinates that are not numbers, and for points that are not on the film.
+        For coordinates that are not numbers or do not broadcast together, and, with ``"refuse"``,
+        for points that are not on the film.
     """
     outside = coerce("outside", outside, Literal["refuse", "nan"])
     x, y = _broadcast(coerce_array("x_mm", x_mm), coerce_array("y_mm", y_mm))
@@ -153,21 +156,21 @@ def _broadcast(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _evaluate_points(equilibrium: Equilibrium, state: State, points: Array) -> Array:
-    """Evaluate the fields of `ElementValues` at points of the film.
+    """Evaluate the fields of `ElementValues` at points of the film, in blocks to limit the memory.
 
     Parameters
     ----------
     equilibrium : Equilibrium
         Equations of the whole film.
     state : State
-        Their solution.
+        Solution of `equilibrium`.
     points : ndarray, shape (2, n)
         Points in m.
 
     Returns
     -------
     ndarray, shape (5, n, 3)
-        The five fields, stacked.
+        The five fields in the order of `ElementValues`.
     """
     parts = [np.empty((len(ElementValues._fields), 0, 3))]
     for first in range(0, points.shape[1], POINTS_AT_ONCE):
@@ -188,14 +191,14 @@ def evaluate_in_elements(equilibrium: Equilibrium, state: State, local: Array) -
     equilibrium : Equilibrium
         Equations of the whole film.
     state : State
-        Their solution.
+        Solution of `equilibrium`.
     local : ndarray, shape (2, points)
         Points in local coordinates of the reference triangle.
 
     Returns
     -------
     PointValues
-        With the shape (elements, points).
+        Values whose arrays begin with the axes (elements, points).
     """
     elements = np.arange(equilibrium.space.mesh.nelements)
     points = np.repeat(local[:, None], len(elements), axis=1)
@@ -207,7 +210,7 @@ def evaluate_in_elements(equilibrium: Equilibrium, state: State, local: Array) -
 def _make_point_values(
     equilibrium: Equilibrium, values: ElementValues, *, x: Array, y: Array
 ) -> PointValues:
-    """Make `PointValues` at coordinates x and y in mm, and compute the charge density."""
+    """Make `PointValues` from values at coordinates x and y in mm; add the charge density."""
     film = equilibrium.film
     stress = values.stress_MPa
     density = film.d31_pC_N * stress[..., 0] + film.d32_pC_N * stress[..., 1]
@@ -232,11 +235,16 @@ def _evaluate_local_points(
     equilibrium : Equilibrium
         Equations of the whole film.
     state : State
-        Their solution.
+        Solution of `equilibrium`.
     elements : ndarray, shape (n,)
-        Numbers of the elements.
+        Numbers of the elements, which may be repeated.
     local : ndarray, shape (2, n, points)
         Local coordinates of the points in each element.
+
+    Returns
+    -------
+    ElementValues
+        Arrays of shape (n, points, 3).
     """
     space = equilibrium.space
     nodal = state.dofs.reshape(-1, 3)[space.nodes[elements]]
@@ -263,14 +271,14 @@ def _evaluate_local_points(
 def evaluate_along(
     equilibrium: Equilibrium, state: State, line_mm: ArrayLike, points: int = 200
 ) -> PointValues:
-    """Evaluate a solution at equal distances along a polyline.
+    """Evaluate a solution at equally spaced points along a polyline.
 
     Parameters
     ----------
     equilibrium : Equilibrium
         Equations of the whole film.
     state : State
-        Their solution.
+        Solution of `equilibrium`.
     line_mm : array_like, shape (n, 2)
         Corners of the polyline.
     points : int, optional
@@ -279,12 +287,13 @@ def evaluate_along(
     Returns
     -------
     PointValues
-        With the distances from the start of the line in ``distance_mm``.
+        Values with ``distance_mm``, the distances along the line from its start.
 
     Raises
     ------
     ValueError
-        If `line_mm` is not a polyline, or if it leaves the film.
+        If `line_mm` is not a polyline, if a point is not on the film, or if `points` is not an
+        integer from 2 to 1e6.
     """
     corners = coerce_array("line_mm", line_mm)
     if corners.shape[1:] != (2,) or len(corners) < 2:

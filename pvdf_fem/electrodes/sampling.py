@@ -40,14 +40,18 @@ CHORDS = 32
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """Points at which electrodes sample the stress; the points of a row lie in one element."""
+    """Points at which electrodes sample the stress; the points of a row lie in one element.
+
+    The functions are the scalar shape functions of the finite-element space.
+    """
 
     outputs: Indices  #: Index of the electrode that a row belongs to, shape (n,).
-    #: The stress integrals that the points add to: 0 is X (component 11 or xx), 1 is Y.
+    #: The stress integrals to which the points contribute: 0 for X (component 11 or xx), 1 for Y.
     axes: tuple[int, ...]
     elements: Indices  #: Element of each row, shape (n,).
     gradients: Array  #: Gradients of shape functions in 1/m, shape (n, points, functions, 2).
-    #: Quadrature weights in m², shape (n, points); their sum is the area of the electrode.
+    #: Quadrature weights in m², shape (n, points). The weights of an electrode and its reflections
+    #: add up to its area.
     weights: Array
     #: Local coordinates of the points in their elements, shape (2, n, points).
     local: Array
@@ -74,14 +78,15 @@ class AreaPoints(NamedTuple):
     owners: Indices  #: Index of the outline of a row, shape (n,).
     elements: Indices  #: Element of a row, shape (n,).
     points: Array  #: In m, shape (n, points, 2).
-    weights: Array  #: In m², shape (n, points).
+    #: In m², shape (n, points). Some may be negative: they are those of triangles with a sign.
+    weights: Array
 
 
 class Pieces(NamedTuple):
     """The pieces into which elements cut polygons or lines."""
 
-    owners: Indices  #: Index of the shape that a piece belongs to, shape (n,).
-    elements: Indices  #: Element that it lies in, shape (n,).
+    owners: Indices  #: Index of the polygon or line that a piece belongs to, shape (n,).
+    elements: Indices  #: Element that a piece lies in, shape (n,).
     shapes: Geometries  #: The pieces, shape (n,).
 
 
@@ -91,14 +96,16 @@ def sample_areas(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
     Parameters
     ----------
     outputs : sequence of Output
-        The electrodes: those that the mesh follows are sampled by their elements.
+        The electrodes. Those with a `patch`, which the mesh follows, are sampled at the quadrature
+        points of their elements; the outlines of the others are cut by the elements.
     space : Space
-        Finite-element space on the mesh.
+        The finite-element space in which the displacement is given.
 
     Yields
     ------
     Sampling
-        First the electrodes that the mesh follows, then the others.
+        First the electrodes that the mesh follows, then the others; a group without electrodes is
+        left out.
     """
     has_patch = np.array([output.patch is not None for output in outputs], dtype=bool)
     followed = np.flatnonzero(has_patch)
@@ -130,23 +137,24 @@ def sample_areas(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
 
 
 def sample_edges(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
-    """Yield points along the edges of rectangles.
+    """Yield points along the edges of rectangular electrodes.
 
-    Left and right edges are for X, lower and upper edges for Y, as seen in the electrode's own
-    scene. The stress on an edge is the mean of its traces from both sides; beyond a mirror line the
-    stress is taken before the line.
+    The left and right edges are for X, the lower and upper edges for Y, as seen in the electrode's
+    own scene. Half of the points lie on either side of an edge, so that the stress is the mean of
+    its traces from both sides. If the mesh ends at an edge on a mirror line, the points beyond the
+    line are left out, and the reflection of the electrode adds the other half.
 
     Parameters
     ----------
     outputs : sequence of Output
-        Electrodes with edges.
+        Rectangular electrodes, with sides along the axes of their scene.
     space : Space
-        The finite-element space.
+        The finite-element space in which the displacement is given.
 
     Yields
     ------
     Sampling
-        For X, then for Y.
+        Points for X, then points for Y.
     """
     lines = []
     lengths = []
@@ -193,7 +201,7 @@ def _find_edges(output: Output, axis: int) -> Array:
 
 
 def place_area_points(mesh: MeshTri2, outlines: Sequence[Outline], degree: int) -> AreaPoints:
-    """Place quadrature points inside outlines, anywhere on a mesh.
+    """Place quadrature points inside outlines that the mesh need not follow.
 
     Parameters
     ----------
@@ -202,7 +210,7 @@ def place_area_points(mesh: MeshTri2, outlines: Sequence[Outline], degree: int) 
     outlines : sequence of Outline
         Outlines in m, in the axes of the mesh.
     degree : int
-        The quadrature is exact for polynomials of this degree in every element.
+        Polynomial degree up to which the quadrature is exact in every element.
 
     Returns
     -------
@@ -231,9 +239,10 @@ def place_area_points(mesh: MeshTri2, outlines: Sequence[Outline], degree: int) 
 def make_line_quadrature(
     mesh: MeshTri2, lines: Array, *, gauss_points: int = 4, offset: float = 1e-7
 ) -> PlacedQuadrature:
-    """Make a quadrature along straight lines, half on either side of them.
+    """Make a quadrature along straight lines, with half of the points on either side of them.
 
-    The stress jumps at element edges, and a line may run along an edge.
+    The stress jumps at element edges, and a line may run along an edge. Parts of a line that lie
+    outside of the mesh get no points.
 
     Parameters
     ----------
@@ -242,14 +251,14 @@ def make_line_quadrature(
     lines : ndarray, shape (n, 2, 2)
         Start and end of each line in m.
     gauss_points : int, optional
-        Gauss points of a piece of a line in an element.
+        Number of Gauss points on each piece of a line in an element.
     offset : float, optional
         Distance of the points from the line, as a fraction of its length.
 
     Returns
     -------
     PlacedQuadrature
-        Its owners are the indices of the lines.
+        The owner of a row is the index of its line.
     """
     along = lines[:, 1] - lines[:, 0]
     normal = np.stack([-along[:, 1], along[:, 0]], axis=-1)[:, None]
@@ -276,9 +285,9 @@ def _cut_by_elements(
     Parameters
     ----------
     mesh : MeshTri2
-        The mesh.
+        The mesh. Its curved sides are replaced by chords.
     shapes : sequence or ndarray of shapely.Geometry, shape (n,)
-        All polygons, or all lines, in m.
+        Either only polygons or only lines, in m.
     negligible : float
         Pieces below this fraction of their shape's area or length are left out: an element that
         only touches a shape has a piece without size, or with one due to round-off.
@@ -300,17 +309,19 @@ def _cut_by_elements(
 
 
 def _make_element_polygons(mesh: MeshTri2) -> Geometries:
-    """Return the elements as polygons, with chords along curved edges."""
-    nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
-    polygons = shapely.polygons(nodes[:, :3].transpose(2, 1, 0))
+    """Return the elements as polygons, with `CHORDS` chords along each edge of curved elements."""
+    nodes = mesh.doflocs[:, mesh.dofs.element_dofs]  # shape (2, 6, elements)
+    corners = nodes[:, :3].transpose(2, 1, 0)  # shape (elements, 3, 2)
+    polygons = shapely.polygons(corners)
     curved = np.flatnonzero(find_curved_elements(nodes))
     t = np.arange(CHORDS) / CHORDS
     edges = []
     for start, middle, end in ((0, 3, 1), (1, 4, 2), (2, 5, 0)):
+        # quadratic interpolation of the nodes a, m and b at the parameters 0, 1/2 and 1
         a = nodes[:, start, curved, None]
         m = nodes[:, middle, curved, None]
         b = nodes[:, end, curved, None]
         edges.append(a * (1 - t) * (1 - 2 * t) + 4 * m * t * (1 - t) + b * t * (2 * t - 1))
-    rings = np.concatenate(edges, axis=-1).transpose(1, 2, 0)
+    rings = np.concatenate(edges, axis=-1).transpose(1, 2, 0)  # shape (curved elements, points, 2)
     polygons[curved] = shapely.polygons(rings)
     return polygons

@@ -31,18 +31,18 @@ CANCELLATION_FRACTION = 0.05
 
 @dataclass(frozen=True, eq=False)
 class StressIntegrals:
-    """Stress integrals of a solution's outputs, with their estimated errors."""
+    """Stress integrals X and Y of a solution's outputs, with their estimated errors."""
 
     values: Array  #: X and Y of each output in N, shape (outputs, 2).
-    errors: Array  #: Their estimated errors in N, with signs, shape (outputs, 2).
+    errors: Array  #: Estimated errors of X and Y in N, with signs, shape (outputs, 2).
 
     @classmethod
     def unknown(cls, outputs: int) -> StressIntegrals:
-        """Make stress integrals of a number of outputs whose values and errors are NaN."""
+        """Make the result for a number of outputs without a solution: all entries are NaN."""
         return cls(np.full((outputs, 2), np.nan), np.full((outputs, 2), np.nan))
 
     def of(self, rows: Selection | Sequence[int]) -> StressIntegrals:
-        """Return the stress integrals of some outputs."""
+        """Return the stress integrals of the outputs with the indices `rows`."""
         return StressIntegrals(self.values[rows], self.errors[rows])
 
     def charges(self, d: ArrayLike) -> Array:
@@ -51,32 +51,33 @@ class StressIntegrals:
         Parameters
         ----------
         d : array_like, shape (2,) or (outputs, 2)
-            d31 and d32.
+            d31 and d32, for all outputs or for each.
 
         Returns
         -------
         ndarray, shape (outputs,)
-            Charges in the units of `d` times N.
+            Charges in the unit of `d` times N.
         """
         return _combine(self.values, d)
 
     def charge_errors(self, d: ArrayLike, min_fraction: float = 0.5) -> Array:
         """Compute the estimated absolute errors of `charges`.
 
-        All charges share a displacement and its error, and a single estimate may vanish by chance.
-        The relative error of a charge is therefore at least a fraction of the mean relative error.
+        All charges follow from one displacement with one error, and a single estimate may vanish by
+        chance. Therefore the error of each output relative to |d31 X| + |d32 Y| is at least a
+        fraction of the mean over all outputs.
 
         Parameters
         ----------
         d : array_like, shape (2,) or (outputs, 2)
-            d31 and d32.
+            d31 and d32, for all outputs or for each.
         min_fraction : float, optional
             Minimum relative error, as a fraction of the mean relative error.
 
         Returns
         -------
         ndarray, shape (outputs,)
-            Errors in the units of `d` times N.
+            Errors in the unit of `d` times N.
         """
         errors = np.abs(_combine(self.errors, d))
         magnitudes = _combine(np.abs(self.values), np.abs(d))
@@ -92,12 +93,12 @@ def compute_stress_integrals(
     *,
     sector: SymmetrySector = WHOLE_FILM,
 ) -> Array:
-    """Compute the stress integrals X and Y of electrodes.
+    """Compute the stress integrals X and Y of electrodes from a displacement.
 
     Parameters
     ----------
     outputs : sequence of Output
-        The electrodes.
+        Electrodes on the whole film; on a sector their reflections are summed.
     membrane : Membrane
         The membrane term, with its finite-element space.
     x : ndarray, shape (dofs,)
@@ -108,7 +109,7 @@ def compute_stress_integrals(
     Returns
     -------
     ndarray, shape (outputs, 2)
-        X and Y in N, including the stress that the electrodes' own voltages cause.
+        X and Y in N. For a floating electrode they include the stress by its own voltage.
     """
     integrals = np.zeros((len(outputs), 2))
     for observable, sampling, directions in _iterate_samplings(outputs, membrane.space, sector):
@@ -137,17 +138,17 @@ def integrate_over_outputs(
 ) -> Array:
     """Integrate a field over the areas of electrodes.
 
-    On a sector the integral sums over the electrodes' reflections, so the field is evaluated at
-    points of the sector only and must have the symmetry of the solution.
+    On a sector the integral of an electrode is the sum over its reflections. The field is evaluated
+    at points of the sector only, so that it must have the symmetry of the sector.
 
     Parameters
     ----------
     outputs : sequence of Output
-        The electrodes.
+        Electrodes on the whole film.
     field : callable
         Function that returns values (..., n) at points (..., 2) in m, in the scene's axes.
     mesh : MeshTri2
-        Mesh of the sector.
+        Mesh of the sector, which need not follow the electrodes.
     sector : SymmetrySector, optional
         The sector that is meshed.
     degree : int, optional
@@ -180,8 +181,14 @@ def differentiate_charges(
 
     Parameters
     ----------
-    outputs, membrane, x, sector
-        As in `compute_stress_integrals`.
+    outputs : sequence of Output
+        Electrodes on the whole film; on a sector their reflections are summed.
+    membrane : Membrane
+        The membrane term, with its finite-element space.
+    x : ndarray, shape (dofs,)
+        Displacement in m at which the derivatives are taken.
+    sector : SymmetrySector, optional
+        The sector that the space covers.
 
     Returns
     -------
@@ -211,12 +218,12 @@ def differentiate_charges(
 
 
 def combine_charges(outputs: Sequence[Output], integrals: Array) -> Array:
-    """Combine stress integrals to charges in C.
+    """Compute the charges d31 X + d32 Y in C from stress integrals.
 
     Parameters
     ----------
     outputs : sequence of Output
-        The electrodes, for their d31 and d32.
+        The electrodes, which give d31 and d32.
     integrals : ndarray, shape (outputs, 2)
         X and Y in N.
 
@@ -228,14 +235,15 @@ def combine_charges(outputs: Sequence[Output], integrals: Array) -> Array:
 
 
 def select_larger_errors(errors: Array, others: Array, outputs: Sequence[Output]) -> Array:
-    """Select, for each output, the error estimate that makes the larger charge error.
+    """Select, for each output, the error estimate with the larger absolute charge error.
 
     Parameters
     ----------
     errors, others : ndarray, shape (outputs, 2)
-        Two estimates of the errors of the stress integrals in N.
+        Two estimates of the errors of the stress integrals in N; `errors` is selected if their
+        charge errors are equal.
     outputs : sequence of Output
-        The electrodes.
+        The electrodes, which give d31 and d32.
 
     Returns
     -------
@@ -257,12 +265,13 @@ def distribute_charge_errors(errors: Array, integrals: Array, outputs: Sequence[
     integrals : ndarray, shape (outputs, 2)
         Stress integrals in N.
     outputs : sequence of Output
-        The electrodes.
+        The electrodes, which give d31 and d32.
 
     Returns
     -------
     ndarray, shape (outputs, 2)
-        Errors of the stress integrals in N that combine to the charge errors.
+        Errors of X and Y in N, with the signs of d31 and d32, so that `combine_charges` gives the
+        charge errors. Zero for an output without stress.
     """
     d = piezo_coefficients(outputs)
     total = np.abs(d * integrals).sum(axis=1, keepdims=True)
@@ -278,20 +287,19 @@ def compute_charge_scales(
     *,
     negligible: float = 1e-6,
 ) -> Array:
-    """Compute the charges that relative charge errors refer to.
+    """Compute the positive charges by which charge errors are divided to relative errors.
 
-    A scale is the charge itself, but at least the fraction `CANCELLATION_FRACTION` of
-    |d31 X| + |d32 Y|.
-    An electrode on slack film, or under a rigid probe, has next to no charge, and a relative error
-    has no meaning there: a scale is at least a negligible fraction of the charge that the film's
-    mean stress would make.
+    The scale of an output is its absolute charge, but at least the fraction `CANCELLATION_FRACTION`
+    of |d31 X| + |d32 Y|. An electrode on slack film, or under a rigid probe, has next to no charge,
+    for which a relative error has no meaning: a scale is at least the fraction `negligible` of the
+    charge that the film's mean stress would make.
 
     Parameters
     ----------
     outputs : sequence of Output
-        The electrodes.
+        The electrodes, which give areas, d31 and d32.
     state : State
-        The solution, for the mean stress.
+        The solution, which gives the mean stress.
     integrals : ndarray, shape (outputs, 2)
         Stress integrals in N.
     space : Space
@@ -302,7 +310,7 @@ def compute_charge_scales(
     Returns
     -------
     ndarray, shape (outputs,)
-        Charges in C, positive.
+        Scales in C; 1 if all of these charges are zero.
     """
     stress = np.abs(state.stress[..., :2]) * space.weights[..., None]
     mean_stress = stress.sum(axis=(0, 1)) / space.weights.sum()
@@ -317,14 +325,14 @@ def compute_charge_scales(
 def measure_area_defects(
     outputs: Sequence[Output], space: Space, *, sector: SymmetrySector = WHOLE_FILM
 ) -> Array:
-    """Measure the missing or excess area of the electrodes' curved elements.
+    """Compute the relative difference between an electrode's area and that of its elements.
 
     Parameters
     ----------
     outputs : sequence of Output
-        The electrodes.
+        Electrodes on the whole film; on a sector the elements of their reflections are counted.
     space : Space
-        The finite-element space.
+        A space on the mesh, whose quadrature weights give the areas of the elements.
     sector : SymmetrySector, optional
         The sector that is meshed.
 
@@ -346,14 +354,15 @@ def measure_area_defects(
 
 
 def _combine(integrals: Array, d: ArrayLike) -> Array:
-    """Compute d31 X + d32 Y of stress integrals, shape (outputs,)."""
+    """Compute d31 X + d32 Y from stress integrals, shape (outputs, 2), for each output."""
     return np.asarray((integrals * np.asarray(d)).sum(axis=1))
 
 
 def _restrict_film(membrane: Membrane, sampling: Sampling, sector: SymmetrySector) -> Laminate:
-    """Return the film with its prestrain at the sampling points.
+    """Return the film that gives the stress at the sampling points.
 
-    If the prestrain is uniform or the law is linear, the membrane itself has the same stress.
+    This stress lacks the linear elastic stress of an uneven prestrain, which the caller adds. If
+    the prestrain is uniform or the law is linear, the film is the membrane itself.
     """
     if membrane.added is None or membrane.law.is_linear:
         return membrane
@@ -363,14 +372,15 @@ def _restrict_film(membrane: Membrane, sampling: Sampling, sector: SymmetrySecto
 def _iterate_samplings(
     outputs: Sequence[Output], space: Space, sector: SymmetrySector
 ) -> Iterator[tuple[Observable, Sampling, Array]]:
-    """Yield the sampling points of all outputs, grouped by observable.
+    """Yield the sampling points of all outputs and their reflections, grouped by observable.
 
     Yields
     ------
     observable : Observable
-        An observable of some outputs.
+        The observable of a group of outputs.
     sampling : Sampling
-        Points of these outputs and their reflections; a row belongs to an index of `outputs`.
+        Sampling points of the group. A row that belongs to a reflection has the index of the
+        original in `outputs`.
     directions : ndarray, shape (n, 2, 3)
         ``Output.directions`` for each row of the sampling.
     """

@@ -11,19 +11,20 @@ from pvdf_fem.problem.equilibrium import Equilibrium
 
 
 def compute_thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
-    """Compute the charges by d33 of the electrodes on the whole film.
+    """Compute the charges that loads on the film's face add by d33.
 
     Parameters
     ----------
     equilibrium : Equilibrium
-        The equations on the whole film.
+        Equations on a mesh of the whole film, not of a sector, that follows the electrodes.
     state : State
-        Their solution.
+        Solution of `equilibrium`.
 
     Returns
     -------
     ndarray, shape (electrodes,)
-        Charges in C: -d33/2 times the force on the electrode's face.
+        Charges in C: -d33/2 times the force that presses on each electrode. Zero for a film without
+        d33.
     """
     mesh = equilibrium.space.mesh
     film_forces = equilibrium.film_forces(state)

@@ -12,17 +12,18 @@ from pvdf_fem.problem.problem import Problem
 def compute_uniform_integrals(problem: Problem) -> StressIntegrals | None:
     """Compute the stress integrals of a problem's unloaded film from its uniform stress.
 
-    Every observable gives area times stress for a flat film.
+    On a flat film of uniform stress, every observable gives area times stress.
 
     Parameters
     ----------
     problem : Problem
-        The problem.
+        The problem of the loaded film.
 
     Returns
     -------
     StressIntegrals or None
-        Without errors; None where the unloaded film is not flat and needs a solve.
+        With zero errors. None if the unloaded film has no known uniform stress, so that it must be
+        solved.
     """
     stress = problem.unloaded_stress
     if stress is None:

@@ -138,7 +138,8 @@ def estimate_point_deflection(
     radii = np.geomspace(distance, rim_distance, 40)
     tension = np.array([estimate_tension(film, force, r) for r in radii])
     slopes = force / (2.0 * np.pi * radii * tension)
-    return float(np.sum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(radii)))
+    mean_slopes = 0.5 * (slopes[1:] + slopes[:-1])
+    return float(np.sum(mean_slopes * np.diff(radii)))
 
 
 def estimate_point_force(film: Film, deflection: float) -> float:

@@ -10,6 +10,7 @@ import ctypes
 import sys
 from collections.abc import Iterator
 
+#: Debian package of each library.
 PACKAGES = {
     "libGL.so.1": "libgl1",
     "libGLU.so.1": "libglu1-mesa",
@@ -36,7 +37,10 @@ class GmshInUseError(RuntimeError):
 
 
 def find_missing_packages() -> Iterator[str]:
-    """Yield the Debian packages of libraries that cannot be loaded; none on other systems."""
+    """Yield the Debian packages of the libraries in `PACKAGES` that cannot be loaded.
+
+    Loads the libraries that exist into the process. Yields nothing on systems other than Linux.
+    """
     if sys.platform != "linux":
         return
     for library, package in PACKAGES.items():
@@ -47,7 +51,7 @@ def find_missing_packages() -> Iterator[str]:
 
 
 def describe_missing_gmsh(error: Exception) -> str:
-    """Return a message about an exception in the import of gmsh, with advice on what to install."""
+    """Return an error message for a failed import of gmsh, with advice on what to install."""
     packages = " ".join(find_missing_packages())
     if packages:
         advice = f"install the missing libraries: apt-get install {packages}"

@@ -6,9 +6,6 @@ whose curved sides give them the areas of the outlines. Element sizes are smalle
 outlines and grow linearly with the distance from them (`GradedSizes`), or follow an error estimate
 on an earlier mesh (`SizeField`). A mesh may cover only a symmetry sector of a scene
 (`symmetry.SymmetrySector`).
-
-In gmsh's units the film's radius is 100, so that gmsh's absolute geometric tolerance is relative to
-the size of the film.
 """
 
 from __future__ import annotations
@@ -21,9 +18,9 @@ import numpy as np
 from skfem import MeshTri2
 
 from pvdf_fem.arrays import Indices
+from pvdf_fem.mesh import six_node
 from pvdf_fem.mesh.gmsh_libraries import GmshInUseError, GmshMissingError, describe_missing_gmsh
 from pvdf_fem.mesh.gmsh_lock import GMSH_LOCK
-from pvdf_fem.mesh.six_node import bulge_arcs, repair_distorted_elements, sort_vertices
 from pvdf_fem.mesh.size_field import (
     GMSH_SIZE_RATIO,
     GradedSizes,
@@ -61,14 +58,14 @@ _OPTIONS = {
     # 1e-9 this integral takes most of the time
     "Mesh.LcIntegrationPrecision": 1e-2,
 }
-# Radius of the film in gmsh's units.
+# Film's radius in gmsh's units, so that gmsh's absolute tolerance is relative to the film's size.
 _GMSH_RADIUS = 100.0
-# Curves and nodes closer to a mirror line than this fraction of the film's radius are on the line.
+# Curves and nodes closer to a mirror line than this fraction of the film's radius count as on it.
 _ON_MIRROR_LINE = 1e-8
 
 
 class MeshError(RuntimeError):
-    """A scene that gmsh cannot mesh."""
+    """gmsh cannot mesh a scene."""
 
 
 def mesh_scene(
@@ -85,26 +82,25 @@ def mesh_scene(
     Parameters
     ----------
     scene : Scene
-        The scene.
+        The scene, whose outlines the mesh follows.
     sizes : GradedSizes or SizeField
-        Element sizes in m. Outlines that `GradedSizes` does not name are embedded, but the mesh is
-        not refined along them.
+        Element sizes in m. Along outlines that `GradedSizes` does not name, there is no refinement.
     sector : SymmetrySector
-        The sector to mesh, by default the whole film. Electrodes and probes outside of it have no
-        elements.
+        The sector to mesh, by default the whole film. Subdomains of electrodes, probes and patches
+        outside of it are empty.
     min_jacobian_ratio : float
-        Minimum Jacobian of an element, as a fraction of the element's mean. Elements below it,
-        which lie between an arc and a corner or side close to the arc, are smaller in the next
-        mesh. Elements in the cusp between an arc and its tangent, or between two arcs that touch,
-        have a ratio of 0.15 at any size.
+        Minimum Jacobian of an element, as a fraction of the element's mean. Elements below it are
+        distorted; they lie between an arc and a corner or side close to the arc. If they cannot be
+        repaired, the next mesh is finer there. In the cusp between an arc and its tangent, or
+        between two arcs that touch, the ratio is 0.15 at any size.
     attempts : int
-        Maximum number of meshes. Elements that are still distorted in the last one get straight
-        sides.
+        Maximum number of meshes. Elements still distorted in the last one get straight sides.
     contacts : mapping of str to Outline
         Boundaries of the contact areas of tips, by the names of the probes' subdomains; they
         replace the outlines of these probes.
     check_element_count : callable
-        Called with the estimated number of elements before a mesh is made; may raise to prevent it.
+        Called with the estimated number of elements before a mesh, except before the first one by a
+        `SizeField`; may raise an exception to prevent the mesh.
 
     Returns
     -------
@@ -117,7 +113,7 @@ def mesh_scene(
     Raises
     ------
     MeshError
-        If gmsh fails, a subdomain has no element, or elements are folded even with straight sides.
+        If gmsh fails, a subdomain in the sector has no element, or elements remain distorted.
     GmshMissingError
         If gmsh cannot be loaded.
     GmshInUseError
@@ -134,7 +130,7 @@ def mesh_scene(
     for _ in range(attempts):
         mesh = _mesh_once(scene, outlines, sizes=sizes, sector=sector)
         # moving a node by this fraction of the shortest outline changes its area by less than 1e-6
-        mesh, is_distorted = repair_distorted_elements(
+        mesh, is_distorted = six_node.repair_distorted_elements(
             mesh, min_jacobian_ratio, max_move=1e-5 * shortest
         )
         if not is_distorted.any():
@@ -143,7 +139,7 @@ def mesh_scene(
         finer_sizes[is_distorted] = 0.4 * compute_element_sizes(mesh, sliver=0.1)[is_distorted]
         sizes = SizeField.from_element_sizes(mesh, finer_sizes)
         check_element_count(sizes.element_count)
-    mesh, is_distorted = repair_distorted_elements(mesh, min_jacobian_ratio, max_move=np.inf)
+    mesh, is_distorted = six_node.repair_distorted_elements(mesh, min_jacobian_ratio, np.inf)
     if is_distorted.any():
         reason = f"{is_distorted.sum()} elements are folded, since two outlines nearly touch"
         raise MeshError(f"{reason}; move them apart")
@@ -156,12 +152,12 @@ def _mesh_once(
     sizes: GradedSizes | SizeField,
     sector: SymmetrySector,
 ) -> MeshTri2:
-    """Make a single mesh of a scene, whose elements may be distorted.
+    """Make a mesh of a scene in one gmsh session, without repair of distorted elements.
 
     Parameters
     ----------
     scene : Scene
-        The scene.
+        The scene, for its film and its tolerance.
     outlines : dict of str to Outline
         Outlines in the scene's axes by the names of their subdomains.
     sizes : GradedSizes or SizeField
@@ -206,7 +202,10 @@ def _mesh_once(
 
 @contextmanager
 def _open_gmsh() -> Iterator[None]:
-    """Open a gmsh session with an empty model and our options, and close it at the end."""
+    """Open a gmsh session with the options `_OPTIONS`, and close it at the end.
+
+    Raises GmshMissingError if gmsh cannot be loaded, and GmshInUseError if a session is open.
+    """
     if _LOADING_ERROR:
         raise GmshMissingError(_LOADING_ERROR)
     if gmsh.isInitialized():
@@ -223,7 +222,7 @@ def _open_gmsh() -> Iterator[None]:
 def _fragment_film(
     shapes: dict[str, Outline], unit: float, sector: SymmetrySector
 ) -> dict[str, list[int]]:
-    """Cut the film of a sector along all outlines.
+    """Add the film of a sector to gmsh's model, cut along all outlines.
 
     Parameters
     ----------
@@ -232,7 +231,7 @@ def _fragment_film(
     unit : float
         Unit of gmsh's lengths in m.
     sector : SymmetrySector
-        The sector that is kept.
+        The sector. Parts of the film and of subdomains outside of it are removed.
 
     Returns
     -------
@@ -294,7 +293,7 @@ def _add_ellipse(curve: EllipseCurve, unit: float) -> int:
 
 
 def _find_outer_curves(surfaces: list[int], shape: Outline, sector: SymmetrySector) -> list[int]:
-    """Find the curves of gmsh's model along an outline.
+    """Find the curves of gmsh's model that lie on an outline.
 
     Parameters
     ----------
@@ -303,7 +302,7 @@ def _find_outer_curves(surfaces: list[int], shape: Outline, sector: SymmetrySect
     shape : Outline
         The outline in the axes of the sector.
     sector : SymmetrySector
-        Curves along its mirror lines are excluded where the mirror line cuts the outline.
+        If a mirror line of the sector cuts the outline, curves on that line are excluded.
 
     Returns
     -------
@@ -322,12 +321,12 @@ def _find_outer_curves(surfaces: list[int], shape: Outline, sector: SymmetrySect
 
 
 def _set_graded_sizes(curves: dict[str, list[int]], sizes: GradedSizes, unit: float) -> None:
-    """Tell gmsh element sizes that grow with the distance from outlines.
+    """Set element sizes in gmsh's model that grow with the distance from outlines.
 
     Parameters
     ----------
     curves : dict of str to list of int
-        Tags of the curves along each outline.
+        Tags of the curves on each outline, by a key of ``sizes.patches``.
     sizes : GradedSizes
         Element sizes in m.
     unit : float
@@ -358,11 +357,12 @@ def _set_graded_sizes(curves: dict[str, list[int]], sizes: GradedSizes, unit: fl
 
 
 def _set_size_field(sizes: SizeField, unit: float) -> None:
-    """Pass the element sizes of a field on an earlier mesh to gmsh."""
+    """Set element sizes in gmsh's model that are given at the vertices of an earlier mesh."""
     mesh = sizes.mesh
     corners = np.zeros((mesh.nelements, 3, 3))
     corners[:, :2] = mesh.p[:, mesh.t].transpose(2, 0, 1) / unit
     values = sizes.sizes[mesh.t.T] / unit
+    # "ST" is a scalar on triangles: x, y and z of the three corners, then the three values
     data = np.hstack([corners.reshape(-1, 9), values])
     view = gmsh.view.add("sizes")
     gmsh.view.addListData(view, "ST", mesh.nelements, data.ravel())
@@ -380,12 +380,12 @@ def _read_mesh(
     curved_outlines: list[Outline],
     sector: SymmetrySector,
 ) -> MeshTri2:
-    """Read the mesh from gmsh.
+    """Read gmsh's mesh, and name its parts; raise MeshError if a subdomain has no element.
 
     Parameters
     ----------
     surfaces : dict of str to list of int or None
-        Tags of the surfaces of each subdomain; None for a subdomain outside of the sector.
+        Tags of the surfaces of each subdomain; None, without an error, if it is outside the sector.
     unit : float
         Unit of gmsh's lengths in m.
     curved_outlines : list of Outline
@@ -412,30 +412,31 @@ def _read_mesh(
         present = [name for name in subdomains if name not in empty]
         raise MeshError(f"subdomains without elements: {empty}; with elements: {present}")
     points = coordinates.reshape(-1, 3)[:, :2].T * unit
+    radius = _GMSH_RADIUS * unit
     for axis in sector.mirror_axes:
         is_on_line = np.abs(points[axis]) < _ON_MIRROR_LINE * _GMSH_RADIUS * unit
         points[axis, is_on_line] = 0.0
-    is_curved = np.zeros(len(tags), dtype=bool)
+    is_inside_curve = np.zeros(len(tags), dtype=bool)
     for _, curve in gmsh.model.getEntities(1):
         if gmsh.model.getEntityType(1, curve) != "Line":
             curve_tags, _, _ = gmsh.model.mesh.getNodes(1, curve)
-            is_curved[row[curve_tags]] = True
+            is_inside_curve[row[curve_tags]] = True
     for outline in curved_outlines:
-        bulge_arcs(
-            points, triangles, outline=outline, is_curved=is_curved, radius=_GMSH_RADIUS * unit
+        six_node.move_midside_nodes_to_arcs(
+            points, triangles, outline=outline, is_inside_curve=is_inside_curve, radius=radius
         )
     return name_mesh_parts(MeshTri2(points, triangles.T), subdomains, sector=sector)
 
 
 def _read_triangles(row: Indices) -> tuple[Indices, dict[int, Indices]]:
-    """Read the triangles from gmsh; `row` has the index of each node by its tag.
+    """Read the triangles of all surfaces from gmsh; ``row[tag]`` is the index of a node.
 
     Returns
     -------
     triangles : ndarray of int, shape (elements, 6)
-        Indices of the nodes, with sorted vertices.
+        Indices of the nodes of each triangle, with vertices sorted by index.
     elements_of_surface : dict of int to ndarray of int
-        Elements by the tag of their surface.
+        Indices of the triangles in each surface, by the surface's tag in gmsh.
     """
     blocks = []
     elements_of_surface = {}
@@ -446,4 +447,4 @@ def _read_triangles(row: Indices) -> tuple[Indices, dict[int, Indices]]:
         blocks.append(block)
         elements_of_surface[surface] = np.arange(count, count + len(block))
         count += len(block)
-    return sort_vertices(np.concatenate(blocks)), elements_of_surface
+    return six_node.sort_vertices(np.concatenate(blocks)), elements_of_surface

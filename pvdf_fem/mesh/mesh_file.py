@@ -32,19 +32,20 @@ READERS = {".msh": "gmsh", ".inp": "abaqus", ".vtu": "vtu", ".vtk": "vtk", ".xdm
 
 
 class MeshFileError(FileError):
-    """A mesh that does not fit the scene; each argument of the exception describes an error."""
+    """A mesh is unusable or does not fit the scene; each argument describes one error."""
 
     def __str__(self) -> str:
+        """Return one line for each error."""
         return "\n".join(self.args)
 
 
 def as_mesh(mesh: MeshTri2 | str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
-    """Convert an argument to a mesh of the whole film with the subdomains of a scene.
+    """Convert a mesh or the path of its file to a mesh with the subdomains of a scene.
 
     Parameters
     ----------
     mesh : MeshTri2, str or Path
-        A mesh in m or mm, or the path of a mesh file.
+        A mesh of the whole film in m or mm, or the path of a mesh file. A mesh is not changed.
     scene : Scene
         The scene, whose outlines the mesh must follow.
     slack : float
@@ -74,7 +75,7 @@ def as_mesh(mesh: MeshTri2 | str | Path, scene: Scene, slack: float = 1e-3) -> M
 
 
 def read_mesh(path: str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
-    """Read a mesh file, and find the subdomains of a scene in the mesh.
+    """Read a mesh file, check that it fits a scene, and name the subdomains of the scene in it.
 
     Parameters
     ----------
@@ -83,8 +84,9 @@ def read_mesh(path: str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
     scene : Scene
         The scene, whose outlines the mesh must follow.
     slack : float
-        Maximum relative difference of the areas in the mesh and in the scene. Boundaries and
-        centroids may deviate by this fraction of the square root of the area.
+        Maximum relative difference of the areas of subdomains, and of the film's radius, in the
+        mesh and in the scene. Boundaries and centroids of subdomains may deviate by this fraction
+        of the square root of the area.
 
     Returns
     -------
@@ -109,7 +111,13 @@ def read_mesh(path: str | Path, scene: Scene, slack: float = 1e-3) -> MeshTri2:
 
 
 def _read_grid(path: Path) -> Any:
-    """Read a mesh file with meshio's reader for its extension."""
+    """Read a mesh file with meshio's reader for its extension, and return a ``meshio.Mesh``.
+
+    Raises
+    ------
+    MeshFileError
+        If the extension is not in `READERS`, or if meshio cannot read the file.
+    """
     name = READERS.get(path.suffix.lower())
     if name is None:
         formats = " ".join(READERS)
@@ -140,7 +148,8 @@ def _extract_triangles(grid: Any) -> tuple[Array, Indices]:
     Raises
     ------
     MeshFileError
-        If there are other cells, no triangles, missing nodes or nodes off a plane.
+        If there are cells other than six-node triangles, lines and points, no triangles, missing
+        nodes, or nodes off a plane of constant z.
     """
     types = sorted({block.type for block in grid.cells})
     if "triangle6" not in types or {*types} - {"triangle6", "vertex", "line", "line3"}:
@@ -161,7 +170,7 @@ def _extract_triangles(grid: Any) -> tuple[Array, Indices]:
 
 
 def _make_mesh(points: Array, triangles: Indices, scene: Scene, slack: float) -> MeshTri2:
-    """Make the mesh of a scene from triangles.
+    """Make the mesh of a scene from triangles, after checks that they fit it.
 
     Parameters
     ----------
@@ -201,19 +210,19 @@ def _make_mesh(points: Array, triangles: Indices, scene: Scene, slack: float) ->
         raise MeshFileError(f"has {is_folded.sum()} folded triangles; {advice}")
     outlines = {FILM: scene.film.outline, **collect_outlines(scene)}
     elements_inside = _find_elements_inside(mesh, outlines)
-    errors = list(_find_patch_errors(mesh, outlines, elements_inside=elements_inside, slack=slack))
+    errors = list(_list_outline_errors(mesh, outlines, elements_inside, slack=slack))
     if errors:
         raise MeshFileError(*errors)
     return name_mesh_parts(mesh, elements_inside, sector=WHOLE_FILM)
 
 
 def _find_unit(reach: float, radius: float, slack: float) -> float:
-    """Find the unit, 1 for m or 1e-3 for mm, in which a mesh has the radius of the film.
+    """Find the unit of a mesh, m or mm, by comparing its radius with that of the film.
 
     Parameters
     ----------
     reach : float
-        Maximum distance of the nodes from the origin, in the unit to find.
+        Maximum distance of the nodes from the origin, in the unknown unit.
     radius : float
         Radius of the film in m.
     slack : float
@@ -222,7 +231,7 @@ def _find_unit(reach: float, radius: float, slack: float) -> float:
     Returns
     -------
     float
-        The unit in m.
+        Size of the unit in m: 1 or 1e-3.
 
     Raises
     ------
@@ -237,7 +246,7 @@ def _find_unit(reach: float, radius: float, slack: float) -> float:
 
 
 def _require_shared_middles(triangles: Indices) -> None:
-    """Raise `MeshFileError` if triangles do not share the midside node of a common side."""
+    """Raise `MeshFileError` unless triangles with a common side share its midside node."""
     ends = np.sort(triangles[:, SIDES], axis=2).reshape(-1, 2)
     middles = triangles[:, 3:].reshape(-1, 1)
     sides = np.hstack([ends, middles])
@@ -247,7 +256,10 @@ def _require_shared_middles(triangles: Indices) -> None:
 
 
 def _require_disc(mesh: MeshTri2, radius: float, slack: float) -> None:
-    """Raise `MeshFileError` if a mesh has several pieces, holes or cracks."""
+    """Raise `MeshFileError` unless a mesh is one piece whose boundary sides are on the rim.
+
+    Holes and cracks inside the film have boundary sides off the rim.
+    """
     left, right = mesh.f2t[:, mesh.f2t[1] >= 0]
     links = sp.coo_matrix((np.ones(len(left)), (left, right)), shape=(mesh.nelements,) * 2)
     pieces, _ = connected_components(links, directed=False)
@@ -269,28 +281,38 @@ def _find_elements_inside(mesh: MeshTri2, outlines: dict[str, Outline]) -> dict[
 
 
 class _Moments(NamedTuple):
-    """Areas and first moments of elements."""
+    """Areas and first moments, from which areas and centroids of unions of elements follow."""
 
-    area: Array  #: Area in m² that each quadrature point stands for, shape (elements, points).
-    first: Array  #: Integrals of x and y over the elements in m³, shape (2, elements).
+    #: Area in m² that each quadrature point stands for, shape (elements, points). The areas of the
+    #: points of an element add up to the area of the element.
+    point_areas: Array
+    first_moments: Array  #: Integrals of x and y over each element in m³, shape (2, elements).
 
 
 def _compute_moments(mesh: MeshTri2) -> _Moments:
-    """Compute areas and first moments of the elements by quadrature."""
+    """Compute the areas of quadrature points and the first moments of elements.
+
+    Parameters
+    ----------
+    mesh : MeshTri2
+        With coordinates in m.
+    """
     local, weights = get_quadrature(mesh.elem.refdom, 4)
     mapping = mesh.mapping()
     point_areas = np.abs(mapping.detDF(local)) * weights
-    first = (mapping.F(local) * point_areas).sum(axis=-1)
-    return _Moments(point_areas, first)
+    first_moments = (mapping.F(local) * point_areas).sum(axis=-1)
+    return _Moments(point_areas, first_moments)
 
 
-def _find_patch_errors(
+def _list_outline_errors(
     mesh: MeshTri2,
     outlines: dict[str, Outline],
     elements_inside: dict[str, Indices],
     slack: float,
 ) -> Iterator[str]:
-    """Find outlines that the mesh does not follow.
+    """Yield an error message for each outline that the mesh does not follow.
+
+    The elements inside of an outline must have its area, centroid and boundary.
 
     Parameters
     ----------
@@ -307,7 +329,7 @@ def _find_patch_errors(
     Yields
     ------
     str
-        A line for each outline, with its area and that of the elements inside.
+        A line with the area of the outline and that of the elements inside.
     """
     moments = _compute_moments(mesh)
     largest_reach = (1.0 + slack) * outlines[FILM].reach
@@ -315,12 +337,12 @@ def _find_patch_errors(
         if outline.reach > largest_reach:
             continue
         elements = elements_inside[name]
-        area = float(moments.area[elements].sum())
+        area = float(moments.point_areas[elements].sum())
         facets, count = np.unique(mesh.t2f[:, elements], return_counts=True)
         border_vertices = np.unique(mesh.facets[:, facets[count == 1]])
         distances = outline.compute_signed_distances(mesh.p[:, border_vertices].T)
         offset = np.abs(distances).max(initial=0.0)
-        centroid = moments.first[:, elements].sum(axis=1) / max(area, np.finfo(float).tiny)
+        centroid = moments.first_moments[:, elements].sum(axis=1) / max(area, np.finfo(float).tiny)
         offset = max(offset, float(np.linalg.norm(centroid - outline.centroid)))
         size = float(np.sqrt(outline.area))
         if abs(area - outline.area) > slack * outline.area or offset > slack * size:

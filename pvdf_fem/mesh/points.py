@@ -14,7 +14,9 @@ from pvdf_fem.mesh.six_node import find_curved_elements
 def find_nearest_elements(
     mesh: MeshTri2, points: Array, candidates: int = 8
 ) -> tuple[Indices, Array]:
-    """Find the elements that contain points, as if all sides were straight.
+    """Find the elements that would contain points if all sides were straight.
+
+    Points that no element contains get the element that comes closest to it.
 
     Parameters
     ----------
@@ -28,10 +30,10 @@ def find_nearest_elements(
     Returns
     -------
     elements : ndarray of int, shape (n,)
-        The element of each point. If no candidate contains the point, the one with the largest
-        minimum barycentric coordinate.
+        The element of each point: among the candidates, the one with the largest minimum of the
+        three barycentric coordinates, which is negative outside.
     local : ndarray, shape (2, n)
-        Local coordinates of the points in their elements.
+        Local coordinates of the points in these elements with straight sides.
     """
     from scipy.spatial import cKDTree  # imported here, since most solves do not need it
 
@@ -50,7 +52,7 @@ def find_nearest_elements(
 
 
 def locate_points(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indices, Array]:
-    """Find the elements that contain points, with their curved sides.
+    """Find the elements that contain points, with regard to curved sides.
 
     Parameters
     ----------
@@ -59,7 +61,7 @@ def locate_points(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indic
     points : ndarray, shape (2, n)
         Points in m.
     steps : int
-        Maximum number of steps from element to element, see Notes.
+        Maximum number of steps from an element to its neighbour, see Notes.
 
     Returns
     -------
@@ -67,8 +69,8 @@ def locate_points(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indic
         The element of each point. A point beyond the rim gets an element at the rim, and a point
         that is not located after the last step the element where the search ended.
     local : ndarray, shape (2, n)
-        Local coordinates of the points in their elements; for points that are not inside, they are
-        outside of the reference triangle.
+        Local coordinates of the points in these elements. If the element does not contain the
+        point, they are outside of the reference triangle.
 
     Notes
     -----
@@ -94,7 +96,7 @@ def locate_points(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indic
 def compute_local_coordinates(
     mesh: MeshTri2, elements: Indices, points: Array, newton_steps: int = 6
 ) -> Array:
-    """Compute the local coordinates of points in given elements.
+    """Compute the local coordinates of points in given elements, by Newton's method if curved.
 
     Parameters
     ----------
@@ -155,7 +157,7 @@ class PlacedQuadrature:
 def make_facet_quadrature(
     mesh: MeshTri2, facets: Indices, elements: Indices, count: int = 3
 ) -> tuple[PlacedQuadrature, Array]:
-    """Make a Gauss rule on facets, with the points in one of the elements of each facet.
+    """Make a Gauss quadrature on facets, with points in the coordinates of a given element.
 
     Parameters
     ----------
@@ -164,21 +166,21 @@ def make_facet_quadrature(
     facets : ndarray of int, shape (n,)
         Indices of the facets.
     elements : ndarray of int, shape (n,)
-        One of the two elements of each facet.
+        For each facet, an element that it belongs to.
     count : int
-        Number of points on a facet.
+        Number of points on each facet.
 
     Returns
     -------
     quadrature : PlacedQuadrature
-        Its owners are indices into `facets`.
+        The owner of a row is the position of its facet in `facets`.
     tangents : ndarray, shape (n, count, 2)
-        Unit tangents from the first vertex of the facet to the second one.
+        Unit tangents at the points, from the first vertex of the facet to the second one.
 
     Notes
     -----
-    The local coordinates follow from the vertices of the facet. To search the points in the
-    elements would be slower, and could fail in strongly curved elements.
+    The local coordinates follow from the vertices of the facet. Locating the points by their global
+    coordinates would be slower, and could fail in strongly curved elements.
     """
     s, weights = np.polynomial.legendre.leggauss(count)
     reference_corners = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])

@@ -16,7 +16,7 @@ SIDES = [[0, 1], [1, 2], [0, 2]]
 
 
 def sort_vertices(triangles: Indices) -> Indices:
-    """Sort the vertices of six-node triangles by index, as conforming cubic elements require.
+    """Sort the vertices of every triangle by index, as conforming cubic elements require.
 
     Parameters
     ----------
@@ -26,35 +26,39 @@ def sort_vertices(triangles: Indices) -> Indices:
     Returns
     -------
     ndarray of int, shape (elements, 6)
-        The same triangles; the midside nodes follow their sides.
+        A copy of the triangles with sorted vertices and rearranged midside nodes.
     """
     order = np.argsort(triangles[:, :3], axis=1)
+    # column of the midside node between two vertices of a triangle
     midside_node = np.array([[-1, 3, 5], [3, -1, 4], [5, 4, -1]])
     midsides = midside_node[order, np.roll(order, -1, axis=1)]
     return np.take_along_axis(triangles, np.hstack([order, midsides]), axis=1)
 
 
-def bulge_arcs(
+def move_midside_nodes_to_arcs(
     points: Array,
     triangles: Indices,
     outline: Outline,
-    is_curved: Mask,
+    is_inside_curve: Mask,
     radius: float,
     near: float = 2.5e-9,
 ) -> None:
-    """Move the midside nodes on a curved outline in place, so that the elements have its area.
+    """Move midside nodes on a curved outline, so that the elements inside have the outline's area.
+
+    A side gets a quadratic arc over its chord with the area of the outline's curved piece. Nodes on
+    straight pieces and vertices are not moved.
 
     Parameters
     ----------
     points : ndarray, shape (2, nodes)
-        Nodes in m, which are changed in place.
+        Nodes in m; the array is changed in place.
     triangles : ndarray of int, shape (elements, 6)
-        Indices of the nodes of each triangle.
+        Indices of the vertices and then of the midside nodes, in the order of `SIDES`.
     outline : Outline
-        The outline whose area the elements get.
-    is_curved : ndarray of bool, shape (nodes,)
-        Whether a node is an inner node of a curved boundary. The distance from the outline does not
-        show this, since a short chord is equally close to the outline.
+        An outline with curved pieces, which the sides of elements follow.
+    is_inside_curve : ndarray of bool, shape (nodes,)
+        Whether a node is on a curved line of the geometry, but not at its ends. The distance from
+        the outline does not show this, since the middle of a short chord is equally close to it.
     radius : float
         Radius of the film in m.
     near : float
@@ -65,9 +69,10 @@ def bulge_arcs(
     is_near = np.abs(outline.compute_signed_distances(points.T)) < near * radius
     ends = triangles[:, SIDES].reshape(-1, 2)
     middles = triangles[:, 3:].ravel()
-    is_arc = is_curved[middles] & is_near[middles] & is_near[ends].all(axis=1)
-    starts, stops = points[:, ends[is_arc]].transpose(2, 1, 0)
-    points[:, middles[is_arc]] = outline.compute_arc_midpoints(starts, stops).T
+    is_arc = is_inside_curve[middles] & is_near[middles] & is_near[ends].all(axis=1)
+    first, second = ends[is_arc].T
+    midpoints = outline.compute_arc_midpoints(points[:, first].T, points[:, second].T)
+    points[:, middles[is_arc]] = midpoints.T
 
 
 def find_curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:
@@ -76,10 +81,10 @@ def find_curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:
     Parameters
     ----------
     nodes : ndarray, shape (2, 6, elements)
-        Coordinates of the elements' nodes.
+        Coordinates of the vertices and then of the midside nodes of each element.
     bent : float
-        A side is curved if its midside node is farther from its midpoint than this fraction of the
-        element's size.
+        A side is curved if a coordinate of its midside node differs from that of the side's
+        midpoint by more than this fraction of the element's size.
 
     Returns
     -------
@@ -93,9 +98,14 @@ def find_curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:
 
 
 def compute_jacobian_ratios(mesh: MeshTri2) -> Array:
-    """Compute the minimum Jacobian of every element divided by its mean, at quadrature points.
+    """Compute the minimum over the mean of the Jacobian determinant in every element.
 
-    The ratio is 1 for straight sides, and negative for a folded element.
+    Both are taken over quadrature points. The ratio is 1 for straight sides; it is not positive for
+    an element that is folded at one of the points.
+
+    Returns
+    -------
+    ndarray, shape (elements,)
     """
     points, _ = get_quadrature(mesh.elem.refdom, 8)
     ratios = np.ones(mesh.nelements)
@@ -108,10 +118,10 @@ def compute_jacobian_ratios(mesh: MeshTri2) -> Array:
 def bend_sides(
     mesh: MeshTri2, is_distorted: Mask, min_jacobian_ratio: float
 ) -> tuple[MeshTri2, Mask]:
-    """Bend the straight sides of distorted elements along the element's most curved side.
+    """Bend the sides of distorted elements along the most curved side of each element.
 
     In a gap between outlines that is narrower than the height of an arc over its chord, straight
-    sides would cross the arc. Only sides in the interior of subdomains are bent.
+    sides would cross the arc. Sides on the boundary of the mesh or of a subdomain are not bent.
 
     Parameters
     ----------
@@ -125,15 +135,16 @@ def bend_sides(
     Returns
     -------
     mesh : MeshTri2
-        The mesh with bent sides.
+        A copy of the mesh with bent sides, or the mesh itself if this does not help.
     is_distorted : ndarray of bool, shape (elements,)
         Whether an element is still distorted.
 
     Notes
     -----
     With the height h of the arc over its chord c, a side s is bent by h (s·c / c·c)². All three
-    sides are then images of straight ones under the same quadratic shear, whose Jacobian is
-    constant. The passes end when they do not reduce the number of distorted elements.
+    sides are then images of straight ones under one quadratic shear, whose Jacobian is constant.
+    This is repeated for the elements that are still distorted, until their number does not decrease
+    any more; the last attempt is discarded.
     """
     elements = np.arange(mesh.nelements)
     patch_of = np.stack([np.isin(elements, patch) for patch in mesh.subdomains.values()])
@@ -170,21 +181,22 @@ def bend_sides(
 def repair_distorted_elements(
     mesh: MeshTri2, min_jacobian_ratio: float, max_move: float
 ) -> tuple[MeshTri2, Mask]:
-    """Repair distorted elements: bend sides in narrow gaps, then straighten the remaining ones.
+    """Repair distorted elements: bend sides in narrow gaps, then straighten those that remain.
 
     Parameters
     ----------
     mesh : MeshTri2
         With coordinates in m; it is not changed.
     min_jacobian_ratio : float
-        Minimum Jacobian of an element as a fraction of its mean; elements below are distorted.
+        Minimum Jacobian of an element as a fraction of its mean; elements below it are distorted.
     max_move : float
-        Maximum displacement in m of a midside node to straighten its side.
+        Maximum displacement in m of a midside node to straighten its side. Sides that need a larger
+        one stay curved, so that elements may stay distorted.
 
     Returns
     -------
     mesh : MeshTri2
-        The repaired mesh.
+        A repaired copy of the mesh, or the mesh itself if no side was changed.
     is_distorted : ndarray of bool, shape (elements,)
         Whether an element is still distorted.
     """

@@ -37,19 +37,20 @@ class GradedSizes:
     def estimate_element_count(
         self, area: float, outlines: Mapping[str, Outline], arcs: int, per_corner: float = 4.0
     ) -> float:
-        """Estimate the number of elements of a film, within a factor of about 2.
+        """Estimate the number of elements of a mesh with these sizes, to a factor of about 2.
 
         Parameters
         ----------
         area : float
             Area of the film in m².
         outlines : mapping of str to Outline
-            Outlines of the film and all subdomains by name.
+            Outlines of the film and all subdomains, by the keys of `patches`. The size along an
+            outline that `patches` does not contain is `film`.
         arcs : int
             Minimum number of element sides along an outline without corners.
         per_corner : float
-            Number of elements that are added for each corner. They matter for outlines with many
-            corners, whose sides are shorter than the element sizes.
+            Number of elements to add for each corner of an outline. It matters for outlines with
+            many corners, whose sides are shorter than the element sizes.
 
         Returns
         -------
@@ -68,7 +69,7 @@ class GradedSizes:
         return float(4.0 / np.sqrt(3.0) * GMSH_SIZE_RATIO**2 * count + per_corner * corners)
 
     def scale(self, factor: float) -> GradedSizes:
-        """Return a copy with all sizes and the growth multiplied by a factor."""
+        """Return a copy in which `patches`, `film` and `growth` are multiplied by a factor."""
         patches = {name: size * factor for name, size in self.patches.items()}
         return GradedSizes(patches, self.growth * factor, film=self.film * factor)
 
@@ -90,14 +91,14 @@ class SizeField:
 
     @classmethod
     def from_element_sizes(cls, mesh: MeshTri2, sizes: Array, growth: float = 0.5) -> SizeField:
-        """Make a field from sizes of the elements of a mesh.
+        """Make a field from a wanted size for each element of a mesh.
 
         Parameters
         ----------
         mesh : MeshTri2
             With coordinates in m.
         sizes : ndarray, shape (elements,)
-            New size for each element in m.
+            Wanted size in the region of each element in m, not its present size.
         growth : float
             Maximum increase of the size per unit of length along the sides of the mesh; sizes that
             exceed it are reduced.
@@ -105,7 +106,8 @@ class SizeField:
         Returns
         -------
         SizeField
-            At each vertex, the geometric mean over the adjacent elements, reduced for `growth`.
+            At each vertex, the geometric mean over the adjacent elements, reduced if it exceeds the
+            size at a neighbouring vertex by more than `growth` allows.
         """
         vertices = mesh.t.ravel()
         count = np.bincount(vertices, minlength=mesh.nvertices)
@@ -129,13 +131,16 @@ class SizeField:
         return float((ratios**2).sum())
 
     def coarsen(self, max_elements: float) -> SizeField:
-        """Return a copy that is scaled up, if necessary, to about `max_elements` elements."""
+        """Return a copy whose sizes are increased if they need more than `max_elements` elements.
+
+        All sizes are multiplied by one factor, after which the estimated number is `max_elements`.
+        """
         factor = np.sqrt(max(self.element_count / max_elements, 1.0))
         return SizeField(self.mesh, self.sizes * factor)
 
 
 def count_arcs(tolerance: float) -> int:
-    """Return the minimum number of curved sides around a circle for a tolerance of charges.
+    """Choose the minimum number of element sides around a circle for a tolerance of charges.
 
     The rule is empirical: 16 quadratic arcs with the area of the circle change the charges under a
     disc by less than 2e-7.
@@ -144,7 +149,9 @@ def count_arcs(tolerance: float) -> int:
 
 
 def compute_element_sizes(mesh: MeshTri2, sliver: float = 0.5) -> Array:
-    """Compute the size of every element.
+    """Compute the size of every element from its area, with a correction for slivers.
+
+    Curved sides are replaced by straight ones.
 
     Parameters
     ----------
@@ -156,8 +163,8 @@ def compute_element_sizes(mesh: MeshTri2, sliver: float = 0.5) -> Array:
     Returns
     -------
     ndarray, shape (elements,)
-        Edge in m of an equilateral triangle with the element's area, but at least `sliver` times
-        the longest edge.
+        Edge in m of the equilateral triangle with the element's area, but at least `sliver` times
+        the element's longest edge.
 
     Notes
     -----
@@ -181,7 +188,7 @@ def compute_refined_sizes(
     min_factor: float = 0.05,
     max_factor: float = 2.0,
 ) -> SizeField:
-    """Compute the element sizes that reduce an error to a given fraction with fewest elements.
+    """Compute the element sizes that reduce an error to a fraction of it with fewest elements.
 
     Parameters
     ----------
@@ -195,17 +202,19 @@ def compute_refined_sizes(
     max_sizes : ndarray, shape (elements,), or float
         Maximum element sizes in m.
     stiff : ndarray of int, optional
-        Elements that do not deform and thus do not contribute to the error. Their sizes are at most
-        those of their deformable neighbours.
+        Elements that do not deform and thus do not contribute to the error. Their sizes are reduced
+        to the smallest size of the other elements at their vertices.
     order : float
         Order of convergence p of the charges. It is below 4, the order for smooth solutions,
         because solutions are less smooth at the corners of outlines (see the convergence tests).
     min_factor, max_factor : float
-        Limits of the factors by which sizes change.
+        Limits of the factors by which sizes change; `max_sizes` and the growth of the field may
+        reduce sizes further.
 
     Returns
     -------
     SizeField
+        Sizes at the vertices of `mesh`.
 
     Notes
     -----

@@ -12,6 +12,7 @@ from pvdf_fem.mesh.symmetry import SymmetrySector
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 
+#: Names of the clamped boundary and of the subdomain of the whole film.
 RIM = "rim"
 FILM = "film"
 PROBE = "probe"
@@ -20,12 +21,12 @@ MIRRORS = ("mirror x", "mirror y")
 
 
 def make_subdomain_name(electrode: str) -> str:
-    """Return the name of the subdomain that is covered by an electrode."""
+    """Return the name of the subdomain that an electrode of the given name covers."""
     return f"electrode {electrode}"
 
 
 def collect_outlines(scene: Scene) -> dict[str, Outline]:
-    """Collect the outlines that the mesh of a scene follows.
+    """Collect the outlines in the film that the mesh of a scene follows, without the rim.
 
     Parameters
     ----------
@@ -35,7 +36,8 @@ def collect_outlines(scene: Scene) -> dict[str, Outline]:
     Returns
     -------
     dict of str to Outline
-        Outlines of electrodes, the film's patches and probes, by the names of their subdomains.
+        Outlines of electrodes, of the film's patches and of loaded probes, by the names of their
+        subdomains, in the axes of the scene.
     """
     outlines = {}
     for electrode in scene.electrode_list:
@@ -48,7 +50,10 @@ def collect_outlines(scene: Scene) -> dict[str, Outline]:
 
 
 def add_reflected_sizes(sizes: GradedSizes, sector: SymmetrySector) -> GradedSizes:
-    """Return a copy of the sizes that gives reflected electrodes the sizes of their originals."""
+    """Return a copy of the sizes with those of a sector's reflected electrodes.
+
+    A reflected electrode gets the size of its original, or none if the original has none.
+    """
     reflected_sizes = {}
     for name, reflected in sector.reflected_electrodes.items():
         size = sizes.patches.get(make_subdomain_name(reflected.electrode))
@@ -74,7 +79,8 @@ def name_mesh_parts(
     Returns
     -------
     MeshTri2
-        With the boundary facets divided into `RIM` and the `MIRRORS` of the sector.
+        With these subdomains. The boundary facets are divided into one of the `MIRRORS` for each
+        mirror line of the sector, and `RIM` for all others.
     """
     rim = mesh.boundary_facets()
     boundaries = {}

@@ -50,13 +50,13 @@ class SymmetrySector:
         Rotation matrix from the axes of the scene to the axes of the sector.
     mirror_axes : tuple of int
         Indices, 0 or 1, of the coordinates whose signs are changed by reflections. These
-        coordinates are positive in the sector.
+        coordinates are not negative in the sector. Empty for the whole film.
     electrode_reflections : tuple of mapping of str to str
-        For each reflection, in the order of `signs`: the image of each electrode, which is an
-        electrode of the scene or a key of `reflected_electrodes`. Empty for the identity.
+        For each row of `signs`, the image of each electrode by its name: an electrode of the scene
+        or a key of `reflected_electrodes`. The first mapping, for the identity, is empty.
     patch_reflections : tuple of mapping of str to str
-        For each reflection: the image of the subdomain of each probe and each patch of the film.
-        Empty for the identity.
+        For each row of `signs`, the image of the subdomain of each loaded probe and each patch of
+        the film, by name. The first mapping, for the identity, is empty.
     reflected_electrodes : mapping of str to ReflectedElectrode
         Reflections of electrodes to positions where the scene has no electrode, by name.
     """
@@ -69,12 +69,15 @@ class SymmetrySector:
 
     @cached_property
     def signs(self) -> Array:
-        """Factors of the coordinates for the identity and each reflection, shape (n, 2)."""
+        """Factors of both coordinates for the identity, then for each reflection, shape (n, 2).
+
+        With both mirror axes, n is 4, and the last one is the rotation by 180°.
+        """
         choices = [(1.0, -1.0) if axis in self.mirror_axes else (1.0,) for axis in (0, 1)]
         return np.array(list(product(*choices)))
 
     def covers(self, outline: Outline, radius: float) -> bool:
-        """Return whether an outline lies at least partly in the sector.
+        """Return whether the interior of an outline lies at least partly in the sector.
 
         Parameters
         ----------
@@ -99,7 +102,7 @@ WHOLE_FILM = SymmetrySector()
 
 @lru_cache(maxsize=1024)
 def classify_isotropy(film: Film) -> str:
-    """Classify the symmetry of a film's stiffness and prestress.
+    """Classify which rotations and reflections preserve a film's stiffness and prestress.
 
     Patches are not taken into account.
 
@@ -112,7 +115,7 @@ def classify_isotropy(film: Film) -> str:
     -------
     str
         ``"axes"`` if only reflections about the axes preserve both, ``"square"`` if rotations by
-        90° do, too, and ``"isotropic"`` if all rotations do.
+        90° also do, and ``"isotropic"`` if all rotations do.
     """
     C = film.stiffness
     along_x, along_y, _ = film.prestress
@@ -132,14 +135,14 @@ def find_symmetry_sector(scene: Scene, reflect_electrodes_below: float = 1e-4) -
     reflect_electrodes_below : float
         If the scene's tolerance is larger than this, reflections must map electrodes onto
         electrodes. Otherwise the mesh may also follow reflections of electrodes to positions where
-        the scene has no electrode.
+        the scene has no electrode, but only if no sector without them is found.
 
     Returns
     -------
     SymmetrySector
         A quarter or a half of the film. The whole film if no reflection maps film, probes and loads
-        onto themselves (up to `LENGTH_TOLERANCE` times the radius), if there is no force, if the
-        rim is displaced, or if a pressure profile is read from a file.
+        onto themselves (up to `LENGTH_TOLERANCE` times the radius), if no probe presses, if the rim
+        is displaced, or if a pressure profile is not symmetric.
 
     Notes
     -----
@@ -175,7 +178,7 @@ def find_symmetry_sector(scene: Scene, reflect_electrodes_below: float = 1e-4) -
 def _make_sector(
     frame: Array, mirror_axes: tuple[int, ...], scene: Scene, slack: float
 ) -> SymmetrySector:
-    """Make a sector with the images of electrodes, probes and patches under its reflections.
+    """Make a sector, and find the images of electrodes, probes and patches by its reflections.
 
     Parameters
     ----------
@@ -234,7 +237,7 @@ class _MeshPatch(NamedTuple):
 
 
 def _collect_patches(scene: Scene) -> dict[str, _MeshPatch]:
-    """Collect the loaded probes and the patches of the film, by the names of their subdomains."""
+    """Collect the loaded probes and the film's patches, by the names of their subdomains."""
     patches = {}
     for probe in scene.loaded_probes:
         values = select_by_effect(probe.probe, Affects.MECHANICS).items()
@@ -268,8 +271,8 @@ def _match_patches(matrix: Array, scene: Scene, slack: float) -> dict[str, str] 
     Returns
     -------
     dict of str to str or None
-        Name of the image by the name of each subdomain; None if one of them has no image in the
-        scene.
+        For the name of each subdomain, that of its image, which has the image's outline, force and
+        properties. None if one of them has no image in the scene.
     """
     patches = _collect_patches(scene)
     images: dict[str, str] = {}
@@ -286,20 +289,22 @@ def _match_patches(matrix: Array, scene: Scene, slack: float) -> dict[str, str] 
 
 
 def _remove_tangential_force(probe: LoadedProbe) -> Load:
-    """Return a copy of a probe's load without the tangential force, which reflections change."""
+    """Return a copy of a probe's load without tangential force, which is compared on its own."""
     return probe.load.model_copy(update={"tangential_N": None})
 
 
 def _collect_electrodes(scene: Scene) -> dict[str, Outline]:
+    """Return the outline of each electrode by its name."""
     return {electrode.name: electrode.outline for electrode in scene.electrode_list}
 
 
 def _iterate_reflections(scene: Scene, slack: float) -> Iterator[Array]:
     """Yield candidates for the reflections that map a scene onto itself.
 
-    The first two are the reflections about the axes. On an isotropic film, others follow that map
-    the farthest defining point of the probes from the centre to points at the same distance. If all
-    defining points are at the centre, those of the electrodes are used.
+    The first two are the reflections about the axes. On an isotropic film, more candidates follow:
+    of the points that define the probes' outlines, they map one of those with the largest distance
+    from the centre to each of those with this distance. If all points are at the centre, the
+    points of the electrodes are used instead.
 
     Parameters
     ----------
@@ -332,15 +337,17 @@ def _iterate_reflections(scene: Scene, slack: float) -> Iterator[Array]:
 
 
 def _collect_defining_points(outlines: Iterable[Outline]) -> Array:
-    """Collect the defining points of outlines in m, shape (n, 2)."""
+    """Collect the `defining_points` of all outlines in m, shape (n, 2); n may be 0."""
     return np.concatenate([np.empty((0, 2)), *(outline.defining_points for outline in outlines)])
 
 
 class _MirrorLine(NamedTuple):
     """The mirror line of a reflection, in rotated axes one of which is along the line."""
 
-    frame: Array  #: Rotation matrix from the axes of the scene, shape (2, 2).
-    axis: int  #: Index of the coordinate across the line.
+    frame: Array  #: Rotation matrix from the scene's axes to the rotated axes, shape (2, 2).
+    axis: (
+        int  #: Index of the rotated coordinate across the line, whose sign the reflection changes.
+    )
 
 
 def _align_with_axis(reflection: Array) -> _MirrorLine:

@@ -245,7 +245,7 @@ def _compute_error_contributions(
         "order_enrichment": equilibrium.model.mesh_policy.saturation * (corrected - values)
     }
     if level.layers is not None:
-        changed = level.result.q + level.layers.compute_change(factors)
+        changed = level.result.q + level.layers.compute_change_of_unknowns(factors)
         unresolved = _integrate(outputs, equilibrium, changed) - values
         contributions["bending_layers"] = np.abs(unresolved)
     if len(find_rigid_elements(equilibrium.terms)):

@@ -121,7 +121,7 @@ def find_uncertain_change(solution):
     """Return the change of the unknowns by uncertain bending forces, and the layers."""
     solved, state = solution.discrete.solved, solution.discrete.solved_state
     layers = solved.model.make_bending_layers(solved.terms, solved.unknowns.expansion, state)
-    return layers.compute_change(factorise(solved.tangent(state))), layers
+    return layers.compute_change_of_unknowns(factorise(solved.tangent(state))), layers
 
 
 def test_a_part_of_the_bending_forces_is_uncertain():

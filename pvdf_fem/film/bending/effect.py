@@ -32,14 +32,20 @@ from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 @dataclass(frozen=True)
 class BendingFit:
-    """Factors of the changes by bending, fitted to random scenes."""
+    """Factors in the estimated changes of charges by bending, fitted to random scenes.
 
-    #: Change at the rim divided by l/a, for an electrode at the film's centre.
-    rim_at_centre: float = 0.4
-    #: Added to `rim_at_centre`, times the squared ratio of the electrode's distance to the radius.
-    rim_outside: float = 4.0
-    probe: float = 0.4  #: Change at the probe, divided by l/b or (l/b)^2.
-    #: Minimum of |d31 - d32|/(|d31| + |d32|), with which a layer affects electrodes beside it.
+    They refer to the bending length l, the film's radius a, and the probe's radius b.
+    """
+
+    #: Change by bending at the rim divided by l/a, for an electrode close to the probe.
+    rim_near_probe: float = 0.4
+    #: Added to `rim_near_probe` after multiplication by (r/a)^2, for an electrode at the distance r
+    #: from the probe's centroid.
+    rim_far_from_probe: float = 4.0
+    #: Change by bending at the probe, divided by l/b for a rigid probe and by (l/b)^2 otherwise.
+    probe: float = 0.4
+    #: Minimum of |d31 - d32|/(|d31| + |d32|), to which the effect of a layer on electrodes beside
+    #: it is proportional.
     min_difference: float = 0.1
     #: Minimum distance between probe and rim, as a fraction of the probe's radius.
     min_gap: float = 0.1
@@ -50,13 +56,15 @@ FIT = BendingFit()
 
 @dataclass(frozen=True)
 class BendingEffect:
-    """Estimated effect of bending: the lengths within which it acts, and the changes of charges."""
+    """Estimated effect of bending: the lengths within which it acts, and the changes of charges.
+
+    The worst charge is that of the electrode whose charge bending changes most. A bending length
+    sqrt(D/N) is infinite if its tension N is zero.
+    """
 
     rim_tension: float  #: Tension of the loaded film at the rim in N/m.
     probe_tension: float  #: Tension of the loaded film at the probe's edge in N/m.
-    #: Bending length sqrt(D/N) of the unloaded film in m; infinite without tension, as are the
-    #: others.
-    unloaded_length: float
+    unloaded_length: float  #: Bending length of the unloaded film in m.
     rim_length: float  #: Bending length at the rim in m.
     probe_length: float  #: Bending length at the probe's edge in m.
     rim: float  #: Relative change of the worst charge by bending at the rim.
@@ -66,11 +74,11 @@ class BendingEffect:
 
     @property
     def change(self) -> float:
-        """Relative change of the worst charge by bending; at most 1 without layers on one side."""
+        """Sum of the relative changes `rim`, `probe` and `patches`; at most 1 without the last."""
         return self.rim + self.probe + self.patches
 
     def __str__(self) -> str:
-        """Describe the change, and the lengths within which bending acts."""
+        """Describe the total change in percent, and the finite bending lengths in mm."""
         lengths = {
             "at rest": self.unloaded_length,
             "at the rim": self.rim_length,
@@ -90,27 +98,31 @@ class BendingEffect:
 
 
 class _PressingLoad(NamedTuple):
-    """A load on the film in the form of a single probe."""
+    """A probe together with the loads on the whole film, treated as a single load."""
 
     force: float  # in N, including the loads on the whole film
-    outline: Outline | None  # outline of the pressed area; None without load
+    outline: Outline | None  # outline of the pressed area; None without any load
     is_rigid: bool  # whether the film stays plane under the load
 
 
 def estimate_bending_effect(scene: Scene) -> BendingEffect:
     """Estimate the effect of bending in a scene.
 
-    Each probe is considered as if it pressed alone; the largest effect is returned. Without load
-    the changes at rim and probe are zero.
+    Each probe is considered as if it pressed alone, together with the loads on the whole film. The
+    effect with the largest change is returned. Without any load the changes at rim and probe are
+    zero.
     """
     effects = [_estimate_for(scene, probe) for probe in scene.loaded_probes or (None,)]
     return max(effects, key=lambda effect: effect.change)
 
 
 def _estimate_for(scene: Scene, probe: LoadedProbe | None) -> BendingEffect:
-    """Estimate the effect of bending if only one probe of a scene presses, or none."""
+    """Estimate the effect of bending under one probe and the loads on the whole film.
+
+    If `probe` is None, only the loads on the whole film act.
+    """
     film = scene.film
-    press = _find_pressing_load(scene, probe)
+    press = _combine_loads(scene, probe)
     D = film.thickness**3 / 12.0 * float(film.stiffness[:2, :2].max())
     unloaded_tension = film.thickness * float(film.prestress[:2].mean())
     probe_radius = _compute_radius(press.outline) if press.outline else film.radius
@@ -133,8 +145,12 @@ def _estimate_for(scene: Scene, probe: LoadedProbe | None) -> BendingEffect:
     )
 
 
-def _find_pressing_load(scene: Scene, probe: LoadedProbe | None) -> _PressingLoad:
-    """Combine a probe and the loads on the whole film to a single load."""
+def _combine_loads(scene: Scene, probe: LoadedProbe | None) -> _PressingLoad:
+    """Combine a probe, or none, and the loads on the whole film to a single load.
+
+    The sum of the forces acts at the probe. Without a probe it acts on the whole film; without a
+    force, too, the outline is None.
+    """
     force = scene.film.distributed_force
     if probe is not None:
         outline, probe_force = estimate_pressed_area(scene, probe)
@@ -145,7 +161,7 @@ def _find_pressing_load(scene: Scene, probe: LoadedProbe | None) -> _PressingLoa
 
 
 def _compute_bending_length(D: float, tension: float) -> float:
-    """Return sqrt(D/N) in m; infinite without tension."""
+    """Compute the bending length sqrt(D/N) in m; infinite unless the tension N is positive."""
     return math.sqrt(D / tension) if tension > 0.0 else math.inf
 
 
@@ -154,10 +170,12 @@ def _estimate_edge_changes(
 ) -> tuple[float, float]:
     """Estimate the relative changes of the worst charge by bending at the rim and at the probe.
 
+    If the scene has no electrodes, two positions where some may be added are considered instead.
+
     Parameters
     ----------
     scene : Scene
-        The scene.
+        The scene, for its film and electrodes.
     press : _PressingLoad
         The load on the film.
     rim_length, probe_length : float
@@ -166,7 +184,7 @@ def _estimate_edge_changes(
     Returns
     -------
     rim_change, probe_change : float
-        Changes of the charge whose sum of both is largest.
+        The changes of the electrode for which their sum is largest; zeros without a load.
     """
     film = scene.film
     if press.outline is None or not press.force > 0.0:
@@ -184,7 +202,7 @@ def _estimate_edge_changes(
         distances = [b, 0.5 * a]
     worst = 0.0, 0.0
     for r in distances:
-        rim_factor = FIT.rim_at_centre + FIT.rim_outside * (r / a) ** 2
+        rim_factor = FIT.rim_near_probe + FIT.rim_far_from_probe * (r / a) ** 2
         at_rim = rim_factor * rim_length / a / math.sqrt(gap)
         at_probe = FIT.probe * (probe_length / b) ** power * math.sqrt(b / r)
         load_fraction = estimate_load_fraction(film, press.force, r) / (1.0 + at_rim + at_probe)
@@ -193,7 +211,7 @@ def _estimate_edge_changes(
 
 
 class _LaminateStiffness(NamedTuple):
-    """Stiffness of a laminate of film and one layer, treated as a beam."""
+    """Stiffness of a film with one layer on one side, treated as a beam of unit width."""
 
     bending: float  # in N m
     membrane: float  # in N/m
@@ -201,7 +219,7 @@ class _LaminateStiffness(NamedTuple):
 
 
 def _compute_laminate(film: Film, layer: Layer) -> _LaminateStiffness:
-    """Compute the stiffness of the film with a layer on one side."""
+    """Compute the stiffness of a film with a layer on one side, in the stiffest direction."""
     h, h_p = film.thickness, layer.patch.thickness
     A = h * float(film.stiffness[:2, :2].max())
     A_p = h_p * float(layer.stiffness[:2, :2].max())
@@ -216,20 +234,26 @@ def _estimate_layer_change(scene: Scene, layer: Layer, press: _PressingLoad) -> 
     Parameters
     ----------
     scene : Scene
-        The scene.
+        The scene, for its film and electrodes.
     layer : Layer
-        The layer, whose stiffness is off the film's mid-plane.
+        The layer, which covers one side of the film only.
     press : _PressingLoad
         The load on the film.
+
+    Returns
+    -------
+    float
+        The largest change among the electrodes; 0 without electrodes.
 
     Notes
     -----
     The tension N acts at the distance e from the neutral axis of the laminate, whose bending and
     membrane stiffness are D and A. It bends a strip of half width b to the curvature
-    κ = N e/D cosh(x/l)/cosh(b/l) at the distance x from its middle, with l = sqrt(D/N), which adds
-    κ e to the strain N/A of the film. So does the curvature F/(2π N r²) of the deflection by the
-    force F, unless the layer is too stiff to follow it. Beside a patch the strain κ e decreases
-    with the square of the distance; it has opposite signs in two perpendicular directions.
+    κ = N e/D cosh(x/l)/cosh(b/l) at the distance x from its middle, with l = sqrt(D/N). This
+    curvature adds κ e to the strain N/A of the film. The force F deflects the film with the
+    curvature F/(2π N r²), which adds a strain in the same way, unless the layer is too stiff to
+    follow it. Beside the layer the strain κ e decreases with the square of the distance; it has
+    opposite signs in two perpendicular directions.
     """
     film, outline = scene.film, layer.patch.outline
     D, A, e = _compute_laminate(film, layer)
@@ -241,7 +265,8 @@ def _estimate_layer_change(scene: Scene, layer: Layer, press: _PressingLoad) -> 
     tension = estimate_tension(film, press.force, r)
     half_width = 2.0 * outline.area / outline.perimeter
     width = half_width * math.sqrt(tension / D)
-    bent = e * e * A / D * (math.tanh(width) / width if width > 0.0 else 1.0)
+    mean_curvature = math.tanh(width) / width if width > 0.0 else 1.0  # over that at the edges
+    bent = e * e * A / D * mean_curvature  # mean of κ e, divided by the strain N/A
     if layer.patch.bonded == "at rest":
         bent *= estimate_load_fraction(film, press.force, r)
     d31, d32 = abs(film.d31), abs(film.d32)
@@ -268,7 +293,7 @@ def _estimate_load_curvature(
     Parameters
     ----------
     film : Film
-        The film.
+        The film without the layer, which determines the tension.
     electrode : Outline
         Outline of an electrode on the layer.
     press : _PressingLoad
@@ -301,22 +326,22 @@ def choose_layer_size(
     max_width: float = 8.0,
     negligible: float = 6.0,
 ) -> float:
-    """Choose the element size in the bending layer along an edge.
+    """Choose the element size in the bending layer, the strip along an edge where the film bends.
 
     Parameters
     ----------
     length : float
         Bending length at the edge in m.
     change : float
-        Relative change of the worst charge by bending there.
+        Relative change, by bending at this edge, of the charge that it changes most.
     tolerance : float
         Relative tolerance of charges.
     max_width : float
-        Size in bending lengths for a change just above the negligible one. The size is smaller for
-        a smaller tolerance: elements of 100, 10, 5 and 3 bending lengths miss a third, a tenth, a
-        twentieth and a hundredth of the change.
+        Size in bending lengths for a change just above the negligible one. For a larger ratio of
+        change and tolerance the size is smaller: elements of 100, 10, 5 and 3 bending lengths miss
+        a third, a tenth, a twentieth and a hundredth of the change.
     negligible : float
-        Maximum change, as a multiple of the tolerance, of a layer that is not resolved.
+        The layer is resolved only if the change is larger than this multiple of the tolerance.
 
     Returns
     -------
@@ -329,5 +354,5 @@ def choose_layer_size(
 
 
 def _compute_radius(outline: Outline) -> float:
-    """Return the radius of the disc of the same area, in m."""
+    """Return the radius in m of the disc that has the area of the outline."""
     return math.sqrt(outline.area / math.pi)

@@ -29,23 +29,27 @@ from pvdf_fem.film.membrane import compute_principal_values
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.size_field import compute_element_sizes
 
-#: Element sizes in bending lengths, between which the size for the next mesh is interpolated.
+#: Element sizes in bending lengths, at which `estimate_missing_fraction` is tabulated to invert it.
 WIDTHS = np.geomspace(0.01, 1e4, 400)
 
 
 def estimate_uncertain_fraction(
     widths: Array, max_fraction: float = 0.2, half_width: float = 12.0
 ) -> Array:
-    """Estimate the fraction of the bending forces in elements that is uncertain.
+    """Estimate the fraction of the bending forces that is uncertain in elements of given sizes.
 
     Parameters
     ----------
     widths : ndarray, shape (...)
         Element sizes in bending lengths.
     max_fraction : float
-        Fraction in very wide elements.
+        Limit of the fraction for very large elements.
     half_width : float
         Size in bending lengths at which the fraction is half of `max_fraction`.
+
+    Returns
+    -------
+    ndarray, shape (...)
     """
     return np.asarray(max_fraction * widths**4 / (widths**4 + half_width**4))
 
@@ -53,17 +57,23 @@ def estimate_uncertain_fraction(
 def estimate_missing_fraction(
     widths: Array, max_fraction: float = 0.06, half_width: float = 6.0
 ) -> Array:
-    """Estimate the fraction of the effect of bending that elements miss, including all errors.
+    """Estimate the fraction of the effect of bending that elements of given sizes miss.
 
-    It is the uncertain fraction plus the error that a space of the next order shows.
+    It is the sum of `estimate_uncertain_fraction` and of the fraction by which a solution of the
+    next higher order differs, which was measured in a plate that is stretched from its rim.
 
     Parameters
     ----------
     widths : ndarray, shape (...)
         Element sizes in bending lengths.
-    max_fraction, half_width : float
-        The error that a space of the next order shows: maximum, and size at which it is half of
-        that; measured in a plate that is stretched from its rim.
+    max_fraction : float
+        Limit of the second summand for very large elements.
+    half_width : float
+        Size in bending lengths at which the second summand is half of `max_fraction`.
+
+    Returns
+    -------
+    ndarray, shape (...)
     """
     shown = max_fraction * widths**3 / (widths**3 + half_width**3)
     return np.asarray(estimate_uncertain_fraction(widths) + shown)
@@ -71,18 +81,23 @@ def estimate_missing_fraction(
 
 @dataclass(frozen=True, eq=False)
 class BendingLayers:
-    """The bending layers of a solution: bending forces in the elements, and their uncertainty."""
+    """Bending forces in the elements of a solution, to estimate the error by bending layers.
+
+    A bending layer is the strip beside an edge in which the slope of the film changes.
+    """
 
     plate: Plate  #: Plate term of the equations.
     expansion: sp.csr_matrix  #: Maps unknowns to dofs, shape (dofs, unknowns).
-    #: Bending length sqrt(D/N) for the largest tension in each element in m, shape (elements,).
+    #: Bending length sqrt(D/N) in m for the largest tension N in each element, shape (elements,).
     lengths: Array
     widths: Array  #: Element sizes in bending lengths, shape (elements,).
-    values: Array  #: Bending moments conjugate to ``plate.form.strains``, shape (values,).
+    #: Generalized bending forces, such as moments times quadrature weights, that are conjugate to
+    #: the rows of ``plate.form.strains``, shape (values,).
+    values: Array
 
     @classmethod
     def from_state(cls, plate: Plate, expansion: sp.csr_matrix, state: State) -> BendingLayers:
-        """Evaluate the bending layers of a solution.
+        """Compute the bending lengths and the bending forces of a solution.
 
         Parameters
         ----------
@@ -91,7 +106,7 @@ class BendingLayers:
         expansion : sparse matrix, shape (dofs, unknowns)
             Matrix that maps unknowns to dofs.
         state : State
-            The solution.
+            The solution. Elements without tension get a very large bending length.
         """
         film = plate.film
         D = compute_plate_stiffness(film)
@@ -108,11 +123,14 @@ class BendingLayers:
 
     @property
     def _deflections(self) -> sp.csr_matrix:
-        """Matrix from unknowns to deflections, shape (scalar dofs, unknowns)."""
+        """Matrix that maps unknowns to deflections, shape (scalar dofs, unknowns)."""
         return self.expansion[2::3]
 
-    def compute_change(self, factors: SuperLU) -> Array:
-        """Compute the change of the unknowns if the uncertain bending forces are applied again.
+    def compute_change_of_unknowns(self, factors: SuperLU) -> Array:
+        """Compute how the unknowns change if the film resists bending more, as far as is uncertain.
+
+        The residual is increased by the uncertain fraction of the bending forces in each element
+        (`estimate_uncertain_fraction`); the change follows from one linear solve.
 
         Parameters
         ----------
@@ -122,13 +140,18 @@ class BendingLayers:
         Returns
         -------
         ndarray, shape (unknowns,)
+            Displacements in m.
         """
         form = self.plate.form
         values = estimate_uncertain_fraction(self.widths)[form.elements] * self.values
-        return -factors.solve(np.asarray(self._deflections.T @ (form.strains.T @ values)))
+        deflection_forces = form.strains.T @ values
+        residual = np.asarray(self._deflections.T @ deflection_forces)
+        return -factors.solve(residual)
 
     def compute_effects(self, duals: Array) -> Array:
         """Compute the absolute changes of outputs by the bending forces in each element.
+
+        The change is the work of the bending forces on the dual deflection.
 
         Parameters
         ----------
@@ -140,30 +163,34 @@ class BendingLayers:
         ndarray, shape (elements, outputs)
         """
         form = self.plate.form
-        work = self.values[:, None] * (form.strains @ (self._deflections @ duals))
+        dual_strains = form.strains @ (self._deflections @ duals)
+        work = self.values[:, None] * dual_strains
         value_count = len(form.elements)
         entries = np.ones(value_count), (form.elements, np.arange(value_count))
-        sums = sp.csr_matrix(entries, shape=(len(self.lengths), value_count))
-        return np.abs(sums @ work)
+        sum_in_elements = sp.csr_matrix(entries, shape=(len(self.lengths), value_count))
+        return np.abs(sum_in_elements @ work)
 
     def choose_sizes(self, effects: Array, remaining: float, min_ratio: float = 0.2) -> Array:
-        """Choose element sizes in bending layers for the next mesh.
+        """Choose the maximum element sizes that limit the error by bending layers on the next mesh.
+
+        The elements with the smallest errors, which add up to at most half of `remaining`, are not
+        limited. All others get one common size in bending lengths, with which their errors add up
+        to the other half, unless `min_ratio` prevents it.
 
         Parameters
         ----------
         effects : ndarray, shape (elements,)
             Absolute changes of an output by the bending forces in each element.
         remaining : float
-            Maximum error of the output on the next mesh.
+            Maximum error of the output on the next mesh, in the unit of `effects`.
         min_ratio : float
-            Minimum ratio of the new to the present size. Where sizes decrease steeply, more
-            elements become small than `SizeField.coarsened` expects.
+            Minimum ratio of the new to the present size. With a smaller ratio, sizes would decrease
+            so steeply that more elements become small than `SizeField.coarsen` expects.
 
         Returns
         -------
         ndarray, shape (elements,)
-            Sizes in m. The elements with the smallest errors, which add up to half of `remaining`,
-            need no other size: theirs is infinite. All others get the same size in bending lengths.
+            Maximum sizes in m; infinite for elements that are not limited.
         """
         missing = effects * estimate_missing_fraction(self.widths)
         order = np.argsort(missing)

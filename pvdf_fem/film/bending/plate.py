@@ -30,9 +30,9 @@ class Plate(Term):
     rigid_elements : ndarray, shape (n,)
         Elements under rigid punches, which do not bend.
     rim_tension, punch_tension : float
-        Tensions N in N/m that are expected at the rim and at the edges of punches. Where elements
-        are much larger than the bending length, the penalty represents the bending layer there: its
-        energy per length of the edge is √(D N)/2 (dw/dn)² if the slope changes by dw/dn.
+        Tensions N in N/m that are expected at the rim and at the edges of punches. If elements are
+        much larger than the bending length √(D/N), the penalty on the slope dw/dn at the edge
+        represents the energy of the bending layer, √(D N)/2 (dw/dn)² per length of the edge.
 
     Raises
     ------
@@ -59,7 +59,7 @@ class Plate(Term):
         return self.form.matrix
 
     def energy(self, state: State) -> float:
-        """Return the bending energy in J."""
+        """Return the bending energy in J at the dofs of `state`."""
         return self._compute_energy(state.dofs)
 
     def _compute_energy(self, x: Array) -> float:
@@ -68,7 +68,7 @@ class Plate(Term):
         return 0.5 * float(w @ self.form.forces(w))
 
     def residual(self, state: State) -> Array:
-        """Return the bending forces in N.
+        """Return the bending forces in N at the dofs of `state`.
 
         Returns
         -------
@@ -76,14 +76,24 @@ class Plate(Term):
         """
         return self._expand_to_dofs(self.form.forces(state.dofs[2::3]))
 
-    def _expand_to_dofs(self, deflection_forces: Array) -> Array:
-        """Return forces on the deflections, shape (scalar dofs,), as forces on all dofs."""
-        forces = np.zeros(self.space.dof_count)
-        forces[2::3] = deflection_forces
-        return forces
+    def _expand_to_dofs(self, deflection_values: Array) -> Array:
+        """Extend values of the deflections, shape (scalar dofs,), by zeros for in-plane dofs."""
+        values = np.zeros(self.space.dof_count)
+        values[2::3] = deflection_values
+        return values
 
     def coupled_tangent(self, assembly: MatrixAssembler, state: State) -> sp.csc_matrix:
-        """Return the stiffness of the unknowns; the matrix for the last `assembly` is cached.
+        """Return the plate's stiffness as a matrix of the unknowns.
+
+        It is not assembled from element matrices, because the penalty on slope jumps couples dofs
+        of neighbouring elements. The matrix for the last `assembly` is cached.
+
+        Parameters
+        ----------
+        assembly : MatrixAssembler
+            Reduces the stiffness of the deflections to the unknowns.
+        state : State
+            Ignored, since the stiffness is constant.
 
         Returns
         -------
@@ -97,11 +107,12 @@ class Plate(Term):
     def element_action(self, state: State, x: Array) -> Array:
         """Distribute the bending forces at the dofs `x` to the elements.
 
-        The force at a node is divided equally between the elements around it.
+        The force at a node is divided equally between the elements around it. `state` is ignored.
 
         Returns
         -------
         ndarray, shape (elements, element dofs)
+            Forces in N.
         """
         nodes = self.space.nodes
         forces = np.zeros((*nodes.shape, 3))
@@ -110,7 +121,7 @@ class Plate(Term):
         return forces.reshape(self.space.element_dofs.shape)
 
     def action(self, state: State, x: Array) -> Array:
-        """Multiply the stiffness by the dofs `x`; return forces in N.
+        """Multiply the constant stiffness by the dofs `x`; return forces in N. Ignore `state`.
 
         Returns
         -------
@@ -119,7 +130,7 @@ class Plate(Term):
         return self._expand_to_dofs(self.matrix @ x[2::3])
 
     def diagonal(self, state: State) -> Array:
-        """Return the diagonal of the stiffness in N/m.
+        """Return the diagonal of the constant stiffness in N/m. Ignore `state`.
 
         Returns
         -------
@@ -128,13 +139,13 @@ class Plate(Term):
         return self._expand_to_dofs(self.matrix.diagonal())
 
     def energy_along(self, state: State, x: Array) -> Array:
-        """Return the energy at the dofs plus s times `x`, as a polynomial in s.
+        """Return the energy at the dofs of `state` plus s times `x`, as a polynomial in s.
 
         Returns
         -------
         ndarray, shape (5,)
-            Coefficients in J of 1, s, ..., s⁴. Unlike the default they are computed factor by
-            factor, which keeps more digits.
+            Coefficients in J of 1, s, ..., s⁴; the last two are zero. Unlike in the base class they
+            are computed from the factors of the stiffness matrix, which causes less round-off.
         """
         slope = float(x[2::3] @ self.form.forces(state.dofs[2::3]))
         return np.array([self.energy(state), slope, self._compute_energy(x), 0.0, 0.0])

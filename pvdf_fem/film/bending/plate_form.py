@@ -91,7 +91,7 @@ class BendingForm:
         return (self.strains.T @ (self.stiffness @ self.strains)).tocsr()
 
     def forces(self, w: Array) -> Array:
-        """Compute the bending forces in N of deflections.
+        """Compute the bending forces in N that belong to given deflections.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ def make_bending_form(
     rim_tension: float,
     punch_tension: float,
 ) -> BendingForm:
-    """Make the quadratic form of a film's bending energy.
+    """Make the quadratic form of a film's bending energy, with the penalty on slope jumps.
 
     Parameters
     ----------
@@ -123,7 +123,8 @@ def make_bending_form(
     rigid_elements : ndarray, shape (n,)
         Elements under rigid punches, which do not bend.
     rim_tension, punch_tension : float
-        Tensions in N/m that are expected at the rim and at the punches' edges.
+        Tensions in N/m that are expected at the rim and at the punches' edges, for the energy of
+        bending layers that the elements do not resolve; with 0 it is left out.
 
     Raises
     ------
@@ -178,12 +179,12 @@ class _ShapeValues:
 
     @classmethod
     def at_points(cls, space: Space, points: Array) -> _ShapeValues:
-        """Evaluate the derivatives of the shape functions in all elements.
+        """Evaluate the derivatives of the shape functions at the same local points of all elements.
 
         Parameters
         ----------
         space : Space
-            The finite-element space.
+            The space, whose elements may have curved sides.
         points : ndarray, shape (2, points)
             Points in local coordinates of the reference triangle.
 
@@ -215,7 +216,10 @@ class _ShapeValues:
 
 
 class _JoinedEdges(NamedTuple):
-    """Values at points of edges, from the elements on one or both of their sides."""
+    """Values at points of edges, from the elements on one or both of their sides.
+
+    The functions of an edge are the shape functions of its first, then of its second element.
+    """
 
     slope_jump: Array  # [dw/dn], sum of the outward normal slopes, shape (edges, points, functions)
     mean_moment: Array  # {M_nn} in N m, shape (edges, points, functions)
@@ -245,7 +249,7 @@ class _EdgeValues:
         Parameters
         ----------
         space : Space
-            The finite-element space.
+            The space whose shape functions are evaluated.
         D : ndarray, shape (3, 3)
             Plate stiffness in N m.
         """
@@ -290,15 +294,17 @@ class _EdgeValues:
         )
 
     def join(self, sides: Indices, tension: float) -> _JoinedEdges:
-        """Join the values of the elements on the sides of edges.
+        """Combine the values from the sides of edges to slope jumps, mean moments and penalties.
+
+        D_nn and the quadrature weights of an edge are those of its first side.
 
         Parameters
         ----------
         sides : ndarray, shape (edges, 1 or 2)
             The side, or the two sides, of each edge.
         tension : float
-            Tension in N/m that is expected there, for the energy of a bending layer that the
-            elements do not resolve; 0 for none.
+            Tension in N/m that is expected at the edges. It increases the penalty if that of an
+            unresolved bending layer is larger; 0 if there is no bending layer.
         """
         D = self.stiffness[sides[:, 0]]
         penalty = D * (self.penalty / self.height)[sides].mean(axis=1)
@@ -316,7 +322,9 @@ class _EdgeValues:
 
 
 def _find_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:
-    """Find the sides of all edges of some elements, sorted by the number of sides.
+    """Find the sides of the edges of some elements, and separate single sides from pairs.
+
+    In a mesh of n elements, side i n + e is edge i as seen from element e.
 
     Parameters
     ----------
@@ -328,8 +336,8 @@ def _find_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:
     Returns
     -------
     list of ndarray
-        Two arrays: the sides of edges on the boundary of the elements, shape (edges, 1), and of
-        edges between two of them, shape (edges, 2).
+        Two arrays of sides: of the edges that belong to one of the elements only, shape (edges, 1),
+        and of the edges between two of them, shape (edges, 2).
     """
     sides = (np.arange(3)[:, None] * mesh.nelements + elements).ravel()
     facets = mesh.t2f[:, elements].ravel()
@@ -343,14 +351,15 @@ def _find_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:
 
 
 def _make_operator(dofs: Indices, values: Array, count: int) -> sp.csr_matrix:
-    """Make a sparse matrix from dense rows of elements or edges.
+    """Make a sparse matrix whose nonzero entries are given by element or by edge.
 
     Parameters
     ----------
     dofs : ndarray, shape (n, m)
-        Column indices of the values of each element or edge.
+        Column indices of the entries of each element or edge.
     values : ndarray, shape (n, ..., m)
-        Rows of the matrix; those of an element or edge have the same columns.
+        Entries of the matrix. Every index of the axes before the last one is a row of the matrix,
+        in this order.
     count : int
         Number of columns of the matrix.
 

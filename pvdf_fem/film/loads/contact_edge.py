@@ -61,10 +61,11 @@ def locate_contact_edge(
 
     Notes
     -----
-    The film leaves the tip tangentially. A polynomial is fitted to the smooth film beside the
-    contact along a ray from the core, and extrapolated into the contact: the edge is where it is
-    nearest to the tip. Beside a tip the deflection is about linear in the logarithm of the distance
-    from the tip's centre, so that this logarithm is the variable of the polynomial.
+    The film leaves the tip tangentially. Along rays from the tip's core (its flat face or lowest
+    point) a polynomial is fitted to the smooth film beside the contact, and extrapolated into the
+    contact: the edge is where the polynomial is nearest to the tip. Beside a tip the deflection is
+    about linear in the logarithm of the distance from the tip's centre, so that this logarithm is
+    the variable of the polynomial.
     """
     assert tip.spec.contact is not None
     width = tip.spec.contact.width

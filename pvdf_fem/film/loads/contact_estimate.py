@@ -141,7 +141,8 @@ def _move_to_undeformed_film(probe: LoadedProbe, film: Film, width: float) -> Ti
     tension = estimate_tension(film, force, edge_radius) - unloaded_tension
     biaxial_modulus = film.stiffness[:2, :2].sum(axis=0).mean()
     stretch = STRETCH_FACTOR * tension / film.thickness / biaxial_modulus
-    return tip.move(-DRIFT_FACTOR * (deflection / film.radius) ** 2 * centre, -stretch)
+    drift = DRIFT_FACTOR * (deflection / film.radius) ** 2 * centre
+    return tip.move(-drift, -stretch)
 
 
 def format_face_patch(probe: LoadedProbe) -> str:

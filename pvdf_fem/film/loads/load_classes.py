@@ -84,5 +84,5 @@ def find_rigid_elements(terms: Iterable[Term], *, horizontal_only: bool = False)
 
 
 def has_rigid_probe(scene: Scene) -> bool:
-    """Return whether any loaded probe of a scene keeps the film plane."""
+    """Return whether any loaded probe of a scene is rigid and flat: film below it stays plane."""
     return any(PROBE_LOADS[probe.load.kind].is_rigid for probe in scene.loaded_probes)

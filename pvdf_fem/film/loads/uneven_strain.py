@@ -183,7 +183,8 @@ class UnevenStrain:
             if not len(outline.corners):
                 radius = np.sqrt(outline.area / np.pi)
                 fall *= np.sqrt(radius / (radius + d))
-            mean = compute_mean_warming(0.25 * (heat_length / self.film.thickness) ** 2)
+            fourier = 0.25 * (heat_length / self.film.thickness) ** 2
+            mean = compute_mean_warming(fourier)
             total += (probe.probe.temperature_K or 0.0) * mean * fall
         return total.reshape(points.shape[:-1])
 
