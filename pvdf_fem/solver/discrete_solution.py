@@ -140,7 +140,8 @@ def unfold_mesh(mesh: MeshTri2, sector: SymmetrySector) -> MeshTri2:
     flips = np.array([np.where(nodes == 0.0, 1.0, signs[:, None]) for signs in sector.signs])
     flips_x = flips[:, 0] < 0.0
     flips_y = flips[:, 1] < 0.0
-    keys = 2 * flips_x + flips_y + 4 * np.arange(nodes.shape[1])
+    node_numbers = np.arange(nodes.shape[1])
+    keys = 4 * node_numbers + 2 * flips_x + flips_y
     _, first, number = np.unique(keys, return_index=True, return_inverse=True)
     reflected = (flips * nodes).transpose(1, 0, 2).reshape(2, -1)
     points = sector.frame.T @ reflected[:, first]

@@ -223,22 +223,23 @@ def _integrate_swept_work(adjoint: Adjoint, load: PatchLoad, name: str) -> Array
     facets = facets[is_outline]
     if not len(facets):
         return np.zeros(len(adjoint.outputs))
-    pairs = mesh.f2t[:, facets]
-    elements = pairs.ravel()
+    # each facet occurs twice: with the element on either side
+    elements = mesh.f2t[:, facets].ravel()
     traces, tangents = make_facet_quadrature(mesh, np.tile(facets, 2), elements, GAUSS_POINTS)
     nodes = space.nodes[elements]
     gradients = space.evaluate_gradients(elements, traces.points)
     displacement = adjoint.state.dofs.reshape(-1, 3)[nodes]
     F = IDENTITY + np.matmul(displacement[:, None].swapaxes(2, 3), gradients)
-    nodal = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[nodes]
+    nodal_adjoints = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[nodes]
     shapes = evaluate_shape_functions(space.basis.elem, traces.points)
-    works = np.einsum("fqa,facn,fqc->fqn", shapes, nodal, load.traction(F))
+    # indices: facet f, Gauss point q, node a, component c, output n
+    works = np.einsum("fqa,facn,fqc->fqn", shapes, nodal_adjoints, load.traction(F))
     points = np.moveaxis(mesh.mapping().F(traces.points, elements), 0, -1)
     outward = np.tile(_find_outward_signs(adjoint, load, facets), 2)[:, None]
     normals = np.stack([tangents[..., 1], -tangents[..., 0]], axis=-1)
     velocity = _compute_velocity(load.spec.probe, name, points)
     swept = outward * traces.weights * (velocity * normals).sum(axis=-1)
-    return 0.5 * np.einsum("fq,fqn->n", swept, works)
+    return 0.5 * np.einsum("fq,fqn->n", swept, works)  # 0.5 for the mean of both sides
 
 
 def _find_outward_signs(adjoint: Adjoint, load: PatchLoad, facets: Array) -> Array:
