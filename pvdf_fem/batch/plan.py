@@ -29,7 +29,7 @@ class Block:
 class SweepPlan:
     """The solves that scenes need; ``print`` shows the numbers of scenes and solves."""
 
-    scenes: Sequence[Scene]  #: All scenes, with pinned profile files.
+    scenes: Sequence[Scene]  #: All scenes; names of profile files are paths with digests.
     first: NDArray[np.int64]  #: For each scene the index of the first one that equals it, (n,).
     stored: frozenset[int]  #: Indices of the distinct scenes that have a stored record.
     blocks: tuple[Block, ...]  #: The other distinct scenes, by the solve that they share.

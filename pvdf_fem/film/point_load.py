@@ -27,7 +27,7 @@ def estimate_tension(film: Film, force: float, r: float) -> float:
     Parameters
     ----------
     film : Film
-        The film.
+        Film with its thickness, stiffness and prestress.
     force : float
         Point load in N.
     r : float
@@ -48,7 +48,7 @@ def estimate_tension_cube(film: Film, force: float, r: float, schwerin: float = 
     Parameters
     ----------
     film : Film
-        The film.
+        Film with its thickness, stiffness and prestress.
     force : float
         Point load in N.
     r : float
@@ -73,7 +73,7 @@ def estimate_load_fraction(film: Film, force: float, r: float) -> float:
     Parameters
     ----------
     film : Film
-        The film.
+        Film with its thickness, stiffness and prestress.
     force : float
         Point load in N.
     r : float
@@ -116,7 +116,7 @@ def estimate_point_deflection(
     Parameters
     ----------
     film : Film
-        The film.
+        Film with its thickness, stiffness and prestress.
     force : float
         Point load in N.
     distance : float, optional
@@ -138,7 +138,8 @@ def estimate_point_deflection(
     radii = np.geomspace(distance, rim_distance, 40)
     tension = np.array([estimate_tension(film, force, r) for r in radii])
     slopes = force / (2.0 * np.pi * radii * tension)
-    return float(np.sum(0.5 * (slopes[1:] + slopes[:-1]) * np.diff(radii)))
+    mean_slopes = 0.5 * (slopes[1:] + slopes[:-1])
+    return float(np.sum(mean_slopes * np.diff(radii)))
 
 
 def estimate_point_force(film: Film, deflection: float) -> float:

@@ -86,6 +86,7 @@ class Space:
         self.auxiliary_nodes = auxiliary_nodes
         self.basis = Basis(mesh, ELEMENTS[order](), intorder=INTEGRATION_ORDER[order])
         gradients = [shape[0].grad for shape in self.basis.basis]
+        # from (2, elements, points, functions) to (elements, points, functions, 2)
         self.gradients: Array = np.stack(gradients, -1).transpose(1, 2, 3, 0)
         elements, points, functions, _ = self.gradients.shape
         rows = self.gradients.swapaxes(2, 3).reshape(elements, 2 * points, functions)
@@ -339,7 +340,7 @@ def transfer_dofs(space: Space, x: Array, target: Space) -> Array:
     Parameters
     ----------
     space : Space
-        The space of the displacement.
+        Space in which `x` is given.
     x : ndarray, shape (dofs,)
         Dofs of the displacement in m.
     target : Space

@@ -62,7 +62,7 @@ class ElementStress(NamedTuple):
 
 
 class ElementForces(NamedTuple):
-    """Forces along z that press on the face of the film, one for each of some elements."""
+    """Forces along z with which a load presses on the film's face, one for each element listed."""
 
     elements: Selection  #: Numbers of the elements, shape (n,), or a slice.
     forces: Array  #: In N, shape (n,).
@@ -77,7 +77,7 @@ class CombinedMotion(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """Constraints of a term on the dofs; they add no equation, but map unknowns to dofs."""
+    """Constraints of a term on the dofs, which are eliminated and so add no equations."""
 
     #: Dofs that stay zero, shape (n,).
     fixed_dofs: Indices = field(default_factory=NO_INDICES.copy)
@@ -110,7 +110,7 @@ class MatrixAssembler(Protocol):
 
 
 class SolverHints:
-    """Approximations of a term for the solver; the defaults suit smooth terms with an energy."""
+    """Hints for initial guesses; the defaults suit smooth terms with an energy."""
 
     def with_frozen_loads(self) -> Self | Term:
         """Return a conservative approximation, such as a dead load for a follower load.
@@ -167,8 +167,8 @@ class NonlocalTangent:
     def added_stress(self, state: State) -> ElementStress | None:
         """Return a stress to add to the constitutive stress of the film. Default: None.
 
-        The membrane's tangent includes the geometric stiffness of the sum, its residual does not
-        include the added stress.
+        The added stress enters the geometric stiffness in the membrane's tangent, but not the
+        membrane's residual: the term's own residual has its forces.
         """
         return None
 
@@ -217,8 +217,8 @@ class Term(SolverHints, NonlocalTangent, ABC):
         Returns
         -------
         ndarray, shape (elements, element dofs), or None
-            Forces in N. None without a tangent, and for a nonconservative load: leaving out its
-            small, asymmetric tangent keeps the sum over all terms symmetric.
+            Forces in N. None without a tangent, and for a nonconservative load: without the small,
+            asymmetric tangent of this load the sum over all terms is symmetric.
         """
         tangent = self.element_tangent(state) if self.conservative else None
         if tangent is None:

@@ -293,7 +293,7 @@ def make_prolongation(coarse: Discrete, rich: Discrete) -> sp.csr_matrix:
     node, component = np.divmod(dofs, 3)
     values, nodes = _interpolate_at_nodes(coarse.space, rich.space, node)
     is_kept = np.abs(values) > 1e-13  # at a node of both spaces all but one function vanish
-    row_ends = np.append(0, np.cumsum(is_kept.sum(axis=1)))
+    row_ends = np.append(0, np.cumsum(is_kept.sum(axis=1)))  # the row pointers of a CSR matrix
     columns = (3 * nodes + component[:, None])[is_kept]
     shape = (unknowns.slot_count, coarse.space.dof_count)
     matrix = sp.csr_matrix((values[is_kept], columns, row_ends), shape)

@@ -178,13 +178,13 @@ class CoarseGrid:
         if count == 1:
             positions = min_chi_square.argmin(axis=1)[:, None]
         else:
-            # `neighbours` has this further column where a position has fewer than 8 neighbours.
+            # `neighbours` has the index of this further column if neighbours are missing.
             missing = np.full((len(rows), 1), np.inf, dtype=np.float32)
             with_missing = np.concatenate([min_chi_square, missing], axis=1)
             min_nearby = with_missing.take(self.neighbours, axis=1).min(axis=1)
             limit = np.partition(min_chi_square, count // 2, axis=1)[:, count // 2, None]
-            is_kept = (min_chi_square <= min_nearby) | (min_chi_square < limit)
-            min_chi_square = np.where(is_kept, min_chi_square, np.inf)
+            is_eligible = (min_chi_square <= min_nearby) | (min_chi_square < limit)
+            min_chi_square = np.where(is_eligible, min_chi_square, np.inf)
             positions = np.argpartition(min_chi_square, count - 1, axis=1)[:, :count]
         each_row = np.arange(len(rows))[:, None]
         forces = by_force[each_row, :, positions].argmin(axis=2)
@@ -198,7 +198,7 @@ class CoarseGrid:
     def _fit_forces(
         self, problem: LocationProblem, rows: Indices, rotation: int, log_forces: Array | None
     ) -> _ForceFit:
-        """Minimise chi-square with respect to the force at every node of one rotation.
+        """Compute steps from the nodes of one rotation to the best force, or to a fixed force.
 
         Parameters
         ----------
@@ -274,9 +274,9 @@ class CoarseGrid:
         system[..., 0] += charge_steps - problem.charges_pC[:, None]
         system /= problem.deviations_pC[:, None, :, None]
         free = np.flatnonzero(np.isin(DERIVATIVE_COLUMNS, problem.unknown))
-        kept = np.array([0, *(1 + free)])
+        used_columns = np.array([0, *(1 + free)])
         normal = compute_normal_matrices(system.reshape(-1, *system.shape[2:]))
-        normal = normal[:, kept[:, None], kept]
+        normal = normal[:, used_columns[:, None], used_columns]
         steps = compute_damped_steps(normal, self.options.damping)
         longest_step = np.array(self.options.longest_step)[free]
         # The length of a step as a multiple of the longest allowed step, but at least 1.

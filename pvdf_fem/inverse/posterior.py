@@ -162,15 +162,15 @@ def sample_posterior(
     component = np.searchsorted(np.cumsum(mixture.fractions)[:-1], standard.level)
     normal_steps = np.matmul(mixture.roots[component], standard.normal[:, :, None])[:, :, 0]
     steps = standard.radius[:, None] * normal_steps
-    drawn = maxima[component]
+    drawn = maxima[component]  # a copy, to which the steps are added
     drawn[:, unknown] += steps
     # A step by more than half a period would count the same rotation twice.
     is_within_period = (_subtract_periods(steps, periods) == steps).all(axis=1)
     is_inside = (problem.project_onto_domain(drawn) == drawn).all(axis=1)
-    is_kept = is_within_period & is_inside
-    if not is_kept.any():  # for instance if the only maximum is beyond the domain
-        is_kept = is_within_period
-    drawn = drawn[is_kept]
+    is_used = is_within_period & is_inside
+    if not is_used.any():  # for instance if the only maximum is beyond the domain
+        is_used = is_within_period
+    drawn = drawn[is_used]
     differences = drawn[:, unknown] - maxima[:, None, unknown]
     density = mixture.compute_density(_subtract_periods(differences, periods))
     chi_square = np.square(problem.linearise(drawn)[:, :, 0]).sum(axis=1)

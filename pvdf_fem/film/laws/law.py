@@ -42,7 +42,7 @@ class Law:
         self.stiffness: Array = stiffness
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Check that a subclass defines `energy` or `stress`.
+        """Check that a subclass defines `energy` or `stress`, or inherits one from a subclass.
 
         Raises
         ------
@@ -144,6 +144,7 @@ class Law:
             return strain
         flat = np.zeros(3)
         for _ in range(max_steps):
+            # complex steps along each strain e give the rows of the transposed derivative
             rates = [self.stress(flat, strain + 1e-20j * e).imag for e in np.eye(3)]
             excess = self.stress(flat, strain) - film.prestress
             step = np.linalg.solve(1e20 * np.array(rates).T, excess)

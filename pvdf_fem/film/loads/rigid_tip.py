@@ -44,8 +44,7 @@ class Overlap:
     """The overlap of film and tip at the quadrature points of all elements."""
 
     depth: float  #: Depth of the tip's lowest point in m.
-    #: The overlap in m, shape (elements, points): negative for a gap, and -inf where the tip cannot
-    #: press.
+    #: The overlap in m, negative for a gap, -inf where no tip can press, shape (elements, points).
     value: Array
     #: Derivatives of the overlap with respect to the displacement, -z_x, -z_y and -1, shape
     #: (elements, points, 3).
@@ -161,13 +160,16 @@ class RigidTip(ProbeLoad):
         """
         # the depth in `x` is zero: minus the overlap is the depth at which a point begins to touch
         touch_depth = -self._compute_overlap(x).value
-        order = np.argsort(touch_depth, axis=None)[: np.isfinite(touch_depth).sum()]
+        # points that the tip cannot press have infinite depths, which are sorted last and left out
+        finite_count = np.isfinite(touch_depth).sum()
+        order = np.argsort(touch_depth, axis=None)[:finite_count]
         depths = touch_depth.ravel()[order]
         weights = self.space.weights.ravel()[order]
         areas = np.cumsum(weights)
         moments = np.cumsum(weights * depths)
+        overlap_volumes = areas * depths - moments  # for a tip at each of the depths
         needed = self._force_on_sector / self.penalty
-        last = np.searchsorted(areas * depths - moments, needed, side="right") - 1
+        last = np.searchsorted(overlap_volumes, needed, side="right") - 1
         return float((needed + moments[last]) / areas[last])
 
     def _lift_film(self, x: Array) -> Array:
@@ -303,7 +305,7 @@ class RigidTip(ProbeLoad):
         return ElementMatrices(elements, local.reshape(len(elements), dofs, dofs))
 
     def _point_stiffness(self, state: State, elements: Indices, weighted: Array) -> Array:
-        """Differentiate minus the tractions with respect to the displacement at constant depth.
+        """Differentiate minus the tip's forces on the film by the displacement at constant depth.
 
         Parameters
         ----------

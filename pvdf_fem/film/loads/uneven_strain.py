@@ -70,7 +70,7 @@ def describe_heat_effects(
     Parameters
     ----------
     scene : Scene
-        The scene.
+        Scene with the film, its electrodes and the probes that may be warm.
     charges_pC : mapping, optional
         Charges of the solution in pC, to which the charge by warming is compared.
     typical_uC_m2K : float
@@ -143,7 +143,7 @@ class UnevenStrain:
     Parameters
     ----------
     film : Film
-        The film.
+        Film with its thermal expansion and rim displacements.
     warm_probes : tuple of LoadedProbe
         The probes with a temperature; the tuple may be empty.
     """
@@ -183,7 +183,8 @@ class UnevenStrain:
             if not len(outline.corners):
                 radius = np.sqrt(outline.area / np.pi)
                 fall *= np.sqrt(radius / (radius + d))
-            mean = compute_mean_warming(0.25 * (heat_length / self.film.thickness) ** 2)
+            fourier = 0.25 * (heat_length / self.film.thickness) ** 2
+            mean = compute_mean_warming(fourier)
             total += (probe.probe.temperature_K or 0.0) * mean * fall
         return total.reshape(points.shape[:-1])
 

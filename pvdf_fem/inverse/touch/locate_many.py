@@ -154,7 +154,7 @@ def _locate_rows(
     measurement : Measurement
         Meaning, channels and noise of the readings.
     readings_pC : ndarray, shape (m, electrodes)
-        Readings of these m rows in nominal pC.
+        Readings of these m rows in nominal pC: volts times the channel's nominal capacitance.
     known : mapping
         Known quantities of all n rows by column, arrays of shape (n,).
     calibrated : bool
@@ -232,7 +232,8 @@ def find_explanations(
     measurement : Measurement
         Meaning, channels and noise of the readings as stated by the user.
     readings_pC : ndarray, shape (n, electrodes)
-        Readings in nominal pC that no touch explains.
+        Readings that no touch explains, in nominal pC: volts times the channel's nominal
+        capacitance.
     unknown : ndarray of int
         Columns of the free quantities.
     fixed : mapping
@@ -332,14 +333,15 @@ def _read_numbers(values: Any, key: str) -> Array:
 def _decide_initial_status(
     measurement: Measurement, readings_pC: Array, known: Mapping[int, Array], unknown: Indices
 ) -> NDArray[np.object_]:
-    """Give each row of readings the status of a located row, or the reason why it cannot be used.
+    """Decide for each row of readings whether to search for its touch, or why this is impossible.
 
     Parameters
     ----------
     measurement : Measurement
         Meaning, channels and noise of the readings.
     readings_pC : ndarray, shape (n, electrodes)
-        Readings in nominal pC, which may be infinite or NaN.
+        Readings in nominal pC (volts times the channel's nominal capacitance); may be infinite or
+        NaN.
     known : mapping
         Known quantities by column, arrays of shape (n,).
     unknown : ndarray of int

@@ -272,7 +272,7 @@ class LocationProblem:
     # ---- residuals
 
     def linearise(self, coordinates: Array, rows: Indices | None = None) -> Array:
-        """Compute whitened residuals and their derivatives, linear beyond the response's domain.
+        """Compute whitened residuals and derivatives, extrapolated beyond the response's domain.
 
         Parameters
         ----------
@@ -312,8 +312,8 @@ class LocationProblem:
 
         The shape is (rows, electrodes, 1 + k).
         """
-        is_kept = np.append(True, self._is_free)
-        return is_kept / self.deviations_pC[:, :, None]
+        is_used = np.append(True, self._is_free)
+        return is_used / self.deviations_pC[:, :, None]
 
     # ---- bounds
 
@@ -441,7 +441,7 @@ class LocationProblem:
     def _is_free(self) -> Mask:
         """Whether each coordinate is free and the charges depend on it; shape (k,).
 
-        The charges do not depend on the rotation of a round probe.
+        The charges do not depend on rotations if all probes are round.
         """
         is_free = np.zeros(len(self.response.quantity_names), dtype=bool)
         is_free[self.unknown] = True

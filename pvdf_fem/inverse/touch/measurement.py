@@ -114,16 +114,18 @@ class Measurement:
         return self.unloaded_pC if self.reading == "change" else np.zeros(len(self.unloaded_pC))
 
     def to_signals(self, readings_pC: Array) -> Array:
-        """Convert readings in nominal pC to signals, which are charges or changes of them in pC.
+        """Convert readings to signals, by the offsets and gains of the channels.
 
-        Both arrays have the shape (n, electrodes).
+        Readings are in nominal pC (volts times the channel's nominal capacitance), and signals are
+        charges, or changes of them, in pC. Both arrays have the shape (n, electrodes).
         """
         return np.asarray((readings_pC - self.offsets_pC) / self.gains)
 
     def to_readings(self, charges_pC: Array) -> Array:
-        """Convert total charges in pC to readings in nominal pC.
+        """Convert total charges to the readings that the channels would give without noise.
 
-        Both arrays have the shape (n, electrodes).
+        Charges are in pC, and readings in nominal pC (volts times the channel's nominal
+        capacitance). Both arrays have the shape (n, electrodes).
         """
         return np.asarray(self.offsets_pC + self.gains * (charges_pC - self.zero_pC))
 
@@ -145,12 +147,13 @@ class Measurement:
         return np.asarray(np.hypot(self.sigma * signals, self.noise_pC / self.gains))
 
     def make_problem(self, readings_pC: Array, unknown: Indices) -> LocationProblem:
-        """Make the least-squares problem of locating the touches from their readings.
+        """Convert readings to a least-squares problem of total charges and standard deviations.
 
         Parameters
         ----------
         readings_pC : ndarray, shape (n, electrodes)
-            Readings in nominal pC, one touch per row.
+            Readings in nominal pC (volts times the channel's nominal capacitance), one touch per
+            row.
         unknown : ndarray of int
             Columns of the free quantities, see `TouchColumn`.
 
@@ -207,7 +210,7 @@ class AlternativeReading(NamedTuple):
 
 
 class ChannelValues(NamedTuple):
-    """Gain, offset and noise of a channel, for readings in nominal pC."""
+    """Gain, offset and noise of a channel, for readings in volts times its nominal capacitance."""
 
     gain: float  #: Reading divided by the signal, 1 for a channel without a gain error.
     offset_pC: float  #: Reading without a charge.

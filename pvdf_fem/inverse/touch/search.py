@@ -188,7 +188,7 @@ def make_location(
     ends: SearchResult | None,
     options: LocateOptions = DEFAULT_OPTIONS,
 ) -> Location:
-    """Make the location of a problem's first row of charges from the end points of searches.
+    """Select the distinct touches among end points of searches, and compute their probabilities.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def make_location(
     ends : SearchResult or None
         End points of searches, with duplicates; None if no search was made.
     options : LocateOptions
-        Limits that decide which touches are listed, and which end points are duplicates.
+        Limits that decide which touches are in the location, and which are duplicates.
 
     Returns
     -------

@@ -91,7 +91,7 @@ def search_by_solves(
 def _make_coarse_problem(
     problem: LocationProblem, response: SolvedResponse, options: LocateOptions
 ) -> LocationProblem:
-    """Return a copy of a problem with coarse solves, whose error is added to the deviations.
+    """Return a copy of a problem with coarse solves and accordingly larger standard deviations.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def _make_coarse_problem(
     Returns
     -------
     LocationProblem
-        A problem with larger standard deviations. The errors of the coarse solves are assumed to be
+        A problem whose variances include the errors of the coarse solves. These are assumed to be
         uniformly distributed within the tolerance, hence the factor 1/√3.
     """
     coarse_response = replace(response, error_bound=options.coarse_tolerance)

@@ -34,8 +34,8 @@ class Touches(TabularResult):
     #: Covariances by the curvature of the likelihood, like `Touch.covariance`;
     #: shape (n, unknown, unknown).
     covariances: Array
-    #: Standard deviations from `covariances`, or from the posterior distribution, like
-    #: `Location.deviations`, if `calibrated` was set; shape (n, unknown).
+    #: Standard deviations from `covariances`; or, if `locate_many` was called with `calibrated`,
+    #: from the posterior distribution, like `Location.deviations`; shape (n, unknown).
     deviations: Array
     #: Numbers of further likely touches, like `Location.alternatives`; NaN unless `calibrated` was
     #: set; shape (n,).

@@ -52,7 +52,7 @@ def find_reading_errors(
     scene : Scene
         Scene with the electrodes and their readout.
     readings : mapping
-        Readings in nominal pC by electrode.
+        Readings in nominal pC (volts times the channel's nominal capacitance) by electrode.
     sigma : float or mapping
         Standard deviation as a fraction of the signal, for all electrodes or by electrode.
     noise_pC : float, mapping or None
@@ -105,7 +105,8 @@ def _explain_bad_reading(value: Any, channel: ChannelValues, noise_pC: float | N
     Parameters
     ----------
     value : object
-        The reading, in nominal pC if it is a number.
+        The reading, in nominal pC (volts times the channel's nominal capacitance) if it is a
+        number.
     channel : ChannelValues
         Gain, offset and noise of the electrode's channel.
     noise_pC : float or None
