@@ -140,9 +140,9 @@ def coerce(
 
 @lru_cache(maxsize=128)
 def _make_validator(kind: Any) -> TypeAdapter[Any]:
-    """Make pydantic's validator of a type.
+    """Return the cached validator of pydantic that converts values to a type.
 
-    Validators are cached: to make one takes longer than to locate a touch.
+    It is cached because to make one takes longer than to locate a touch.
     """
     return TypeAdapter(kind)
 

@@ -278,8 +278,8 @@ class Film(Section):
     def prestrain(self) -> NDArray[np.float64]:
         """Elastic strain (11, 22, 12) of the flat clamped film after warming, shape (3,).
 
-        The shear is the engineering shear. The strain follows from the temperature change, or else from the pretension. Patches and the
-        displacement of the rim are not included.
+        The shear is the engineering shear. The strain follows from the temperature change, or else
+        from the pretension. Patches and the displacement of the rim are not included.
         """
         if self.temperature_change_K is not None:
             change = self.temperature_change_K + (self.warming_K or 0.0)

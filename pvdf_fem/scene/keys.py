@@ -123,10 +123,11 @@ class Key:
         return with_info_after_validator_function(self._check_needs, schema)
 
     def _restrict(self, schema: Any) -> Any:
-        """Return a copy of a schema of pydantic that accepts only finite numbers within the limits.
+        """Return a schema of pydantic with restricted numbers and texts.
 
-        Numbers and booleans are not converted from other types, and texts must be among `words` if
-        there are any. The schema is searched recursively, except for schemas of models in it.
+        Numbers and booleans are not converted from other types, and numbers must be finite and
+        within the limits. Texts must be among `words` if there are any. The schema is searched
+        recursively, except for schemas of models in it.
         """
         if isinstance(schema, list):
             return [self._restrict(part) for part in schema]

@@ -231,7 +231,7 @@ class Scene(Result, Section):
         return self.model_copy(update={"probe": tuple(probes), "load": Load()})
 
     def find_unused_load_keys(self, keys: Iterable[str]) -> list[str]:
-        """Find keys of the scene's load that all listed probes override.
+        """Select those keys of the scene's load that no listed probe takes from it.
 
         Parameters
         ----------
@@ -241,7 +241,7 @@ class Scene(Result, Section):
         Returns
         -------
         list of str
-            Empty for a scene without a list of probes.
+            The selected keys; empty for a scene without a list of probes.
         """
         if not isinstance(self.probe, tuple):
             return []
@@ -254,7 +254,7 @@ class Scene(Result, Section):
         return unused
 
     def require_no_tips(self, purpose: str) -> None:
-        """Raise `SceneError` if the scene has tips.
+        """Raise `SceneError` if the scene has rigid tips, whose contact area is computed.
 
         Parameters
         ----------
@@ -303,7 +303,7 @@ class Scene(Result, Section):
 
     @classmethod
     def from_file(cls, path: Path | str) -> Scene:
-        """Read a scene file.
+        """Make a scene from a scene file.
 
         Parameters
         ----------
@@ -323,7 +323,7 @@ class Scene(Result, Section):
 
     @classmethod
     def parse(cls, text: str, source: str = "<text>") -> Scene:
-        """Parse the text of a scene file.
+        """Make a scene from the text of a scene file.
 
         Parameters
         ----------
@@ -345,7 +345,7 @@ class Scene(Result, Section):
 
     @classmethod
     def example(cls, name: str) -> Scene:
-        """Read a scene that comes with the package.
+        """Make one of the scenes that come with the package as examples.
 
         Parameters
         ----------

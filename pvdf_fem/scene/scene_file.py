@@ -118,7 +118,7 @@ def read_key_texts() -> Iterator[KeyText]:
 
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
-    """Parse a TOML text, with limits on its size and its depth.
+    """Parse a TOML text, unless it is too long or has keys of ten or more names.
 
     Parameters
     ----------

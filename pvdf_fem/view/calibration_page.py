@@ -49,7 +49,7 @@ class CalibrationData:
     scene : Scene
         The calibrated sensor.
     channels : sequence of str, length m
-        Names of the channels.
+        Names of the readout channels.
     unit : str
         Unit of the readings.
     rows : ndarray of int, shape (n,)
@@ -76,24 +76,27 @@ class CalibrationData:
 def write_calibration_page(
     data: CalibrationData, verdict: str, summary: str, about: Mapping[str, str], path: Path
 ) -> None:
-    """Write the page about a calibration as a self-contained HTML file.
+    """Write a self-contained HTML file with the summary and three plots of a calibration.
+
+    An existing file is replaced.
 
     Parameters
     ----------
     data : CalibrationData
         Measured and predicted touches.
     verdict : str
-        Status of the calibration, the heading of the page.
+        Status of the calibration, which becomes the heading of the page.
     summary : str
         Summary of the calibration as HTML.
     about : mapping of str to str
-        Texts by name at the top of the page, such as the files that were read.
+        Texts at the top of the page, such as the files that were read, by their names.
     path : Path
         The file to write.
     """
     with use_style():
         figures = [_draw_parity(data), _draw_residuals(data), _draw_positions(data)]
         texts = [render_figure(figure, ".svg").decode() for figure in figures]
+    # the declarations in front of <svg>, and the metadata, are not HTML
     pictures = "".join(text[text.index("<svg") :] for text in texts)
     pictures = re.sub("<metadata>.*?</metadata>", "", pictures, flags=re.DOTALL)
     lines = [f"{escape(name)}: <code>{escape(text)}</code><br>" for name, text in about.items()]
@@ -108,12 +111,12 @@ def write_calibration_page(
 
 
 def _draw_parity(data: CalibrationData) -> Figure:
-    """Draw measured readings against predicted readings."""
+    """Draw measured against predicted readings, with limits that may hide outliers."""
     figure = make_figure(SIZE_MM, SIZE_MM)
     ax = figure.subplots()
     _plot_by_channel(ax, data, data.predicted.T, data.readings.T)
     is_used = ~data.is_outlier
-    limits = _find_limits([data.readings[is_used], data.predicted[is_used]])
+    limits = _compute_limits([data.readings[is_used], data.predicted[is_used]])
     ax.plot(limits, limits, color=GREY, linewidth=0.8, zorder=0)
     xlabel = f"calibrated sensor ({data.unit})"
     ax.set(xlabel=xlabel, ylabel=f"reading ({data.unit})", title="Parity")
@@ -123,7 +126,10 @@ def _draw_parity(data: CalibrationData) -> Figure:
 
 
 def _draw_residuals(data: CalibrationData) -> Figure:
-    """Draw the differences of measured and predicted readings in percent of the latter, by row."""
+    """Draw the relative differences of readings from their predictions, against the row number.
+
+    The limits may hide outliers.
+    """
     figure = make_figure(SIZE_MM, SIZE_MM)
     ax = figure.subplots()
     percent = 100.0 * (data.readings / data.predicted - 1.0)
@@ -132,31 +138,41 @@ def _draw_residuals(data: CalibrationData) -> Figure:
     ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
     ax.set(xlabel="row", ylabel="reading / predicted reading − 1 (%)", title="Residuals")
     used = percent[~data.is_outlier]
-    ax.set_ylim(*_find_limits([used, np.zeros_like(used)]))
+    ax.set_ylim(*_compute_limits([used, np.zeros_like(used)]))
     return figure
 
 
 def _plot_by_channel(ax: Axes, data: CalibrationData, x: Array, y: Array) -> None:
-    """Plot y against x for each channel, with outliers crossed out.
+    """Plot y against x for each channel, with a black cross on each outlier.
 
     Parameters
     ----------
     ax : Axes
-        Axes in the units of the values.
+        Axes to draw on.
     data : CalibrationData
         Measured and predicted touches, with the outliers.
     x, y : ndarray, shape (m, n)
-        Values by channel and touch.
+        Coordinates of the markers of each channel and touch.
     """
     for j, channel in enumerate(data.channels):
         ax.plot(x[j], y[j], label=channel, **{**get_line_style(j), "linestyle": "none"})
         ax.plot(x[j, data.is_outlier], y[j, data.is_outlier], "x", color="black")
 
 
-def _find_limits(values: Sequence[Array], margin: float = 0.05) -> Array:
-    """Return the lower and upper limit of an axis, with a margin around all values.
+def _compute_limits(values: Sequence[Array], margin: float = 0.05) -> Array:
+    """Compute the limits of an axis that shows all values, with a margin on both sides.
 
-    The margin is a fraction of the range of the values; NaN is ignored.
+    Parameters
+    ----------
+    values : sequence of ndarray
+        Arrays of one shape. NaN is ignored.
+    margin : float
+        The margin as a fraction of the range of all values.
+
+    Returns
+    -------
+    ndarray, shape (2,)
+        The lower and the upper limit.
     """
     low = np.nanmin(values)
     high = np.nanmax(values)
@@ -165,7 +181,10 @@ def _find_limits(values: Sequence[Array], margin: float = 0.05) -> Array:
 
 
 def _draw_positions(data: CalibrationData) -> Figure:
-    """Draw the positions on the stage, as in the file and as calibrated."""
+    """Draw the positions of the touches in the file and after calibration, joined by lines.
+
+    The region that is shown contains all positions in the file and all electrodes.
+    """
     stage = data.scene.stage or Stage()
     farthest_touch = np.abs(data.file_positions_mm - [stage.x_mm, stage.y_mm]).max()
     bounds = [electrode.outline.inscribed_polygon.bounds for electrode in data.scene.electrode_list]

@@ -25,7 +25,7 @@ from pvdf_fem.view.figures import (
     make_figure,
 )
 
-#: Style of readings.
+#: Style of the markers of readings.
 RING: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolor": "white"}
 DOT_SIZE = 2.4  #: Size in points of the dots at solved scenes.
 SAMPLES = 121  #: Number of points of a smooth curve.
@@ -42,16 +42,17 @@ class Panel(NamedTuple):
     """The curves of one panel.
 
     The rows of `frame` have the columns ``curve`` (a name), ``x``, ``computed_pC`` and
-    ``charge_pC``. Rows without ``charge_pC`` are points of the curves. The others are readings,
-    drawn as rings, with their differences from ``computed_pC`` in a strip below the panel.
+    ``charge_pC``. A row whose ``charge_pC`` is NaN is a point of a curve. Any other row is a
+    reading ``charge_pC``, drawn as a ring, and the charge ``computed_pC`` for comparison: their
+    difference is drawn in a strip below the panel.
     """
 
     title: str
     frame: pd.DataFrame
 
     @property
-    def has_data(self) -> bool:
-        """Whether the panel has readings."""
+    def has_readings(self) -> bool:
+        """Whether any row is a reading."""
         return bool(self.frame.charge_pC.notna().any())
 
 
@@ -72,7 +73,10 @@ class LabelledPoint(NamedTuple):
 
 
 def choose_curve_colours(count: int) -> list[Any]:
-    """Return colours for curves: `COLOURS` for a few curves, a graded colour map for many."""
+    """Return a colour for each of `count` curves.
+
+    These are the first of `COLOURS`, or a graded colour map if there are more curves than those.
+    """
     if count <= len(COLOURS):
         return list(COLOURS[:count])
     shades = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, count))
@@ -80,26 +84,26 @@ def choose_curve_colours(count: int) -> list[Any]:
 
 
 def make_curve_axes(rows: Sequence[Sequence[Panel]]) -> list[list[PanelAxes]]:
-    """Make a new figure with empty axes for panels in rows.
+    """Make a new figure with empty axes for panels, and for the strips below those with readings.
 
     Parameters
     ----------
     rows : sequence of sequence of Panel
-        The panels row by row, with the same number in each row.
+        The rows of panels, each with the same number of panels.
 
     Returns
     -------
     list of list of PanelAxes
-        The axes row by row.
+        The axes of each panel, in the order of `rows`.
     """
     columns = len(rows[0])
-    row_has_data = [any(panel.has_data for panel in row) for row in rows]
+    row_has_strips = [any(panel.has_readings for panel in row) for row in rows]
     heights = []
-    for has_data in row_has_data:
-        heights += [3.0, 1.0] if has_data else [3.0]
+    for has_strips in row_has_strips:
+        heights += [3.0, 1.0] if has_strips else [3.0]
     panel_height = 64.0 if len(rows) == 1 else 40.0
     width = WIDTH_MM if columns < 3 else 1.25 * WIDTH_MM
-    figure = make_figure(width, 12.0 + len(rows) * panel_height + sum(row_has_data) * 22.0)
+    figure = make_figure(width, 12.0 + len(rows) * panel_height + sum(row_has_strips) * 22.0)
     grid = figure.subplots(
         len(heights),
         columns,
@@ -110,12 +114,12 @@ def make_curve_axes(rows: Sequence[Sequence[Panel]]) -> list[list[PanelAxes]]:
     )
     grid_rows = iter(grid)
     axes: list[list[PanelAxes]] = []
-    for row, has_data in zip(rows, row_has_data, strict=True):
+    for row, has_strips in zip(rows, row_has_strips, strict=True):
         mains = next(grid_rows)
-        strips = next(grid_rows) if has_data else [None] * columns
+        strips = next(grid_rows) if has_strips else [None] * columns
         axes.append([])
         for panel, main, strip in zip(row, mains, strips, strict=True):
-            if strip is not None and not panel.has_data:
+            if strip is not None and not panel.has_readings:
                 strip.remove()
                 main.tick_params(labelbottom=True)
                 strip = None
@@ -135,13 +139,13 @@ def draw_curves(
     Parameters
     ----------
     rows : sequence of sequence of Panel
-        The panels row by row.
+        The rows of panels. Curves of one name have the same colour in all of them.
     axes : sequence of sequence of PanelAxes
-        The axes of the panels, as `make_curve_axes` returns them.
+        The axes of the panels, from `make_curve_axes`.
     x_label, y_label : str
         Labels of the axes, with units.
     is_logarithmic : bool
-        Whether both axes have logarithmic scales.
+        Whether the axes of charges and of x are logarithmic.
     """
     names: dict[str, None] = {}
     for row in rows:
@@ -164,25 +168,28 @@ def draw_curves(
             if x_label.endswith("(°)"):
                 main.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 1.5, 3, 4.5, 9, 10]))
     get_figure(axes[0][0].main).supxlabel(x_label)
-    room = LETTER_WIDTH * len(rows[0]) * max(map(len, names))
-    _label_curves(colours, ends, room=room, is_logarithmic=is_logarithmic)
+    label_width = LETTER_WIDTH * len(rows[0]) * max(map(len, names))
+    _label_curves(colours, ends, label_width=label_width, is_logarithmic=is_logarithmic)
 
 
 def _label_curves(
     colours: Mapping[str, Any],
     ends: Sequence[tuple[Axes, Sequence[LabelledPoint]]],
-    room: float,
+    label_width: float,
     is_logarithmic: bool,
 ) -> None:
     """Label curves at their ends, or in a legend above all panels if some curves end early.
+
+    Curves end early if the x of the ends differ by more than `MAX_END_DISTANCE`. Otherwise, the
+    common x axis is lengthened to make room for the labels.
 
     Parameters
     ----------
     colours : mapping of str to colour
         Colours of the curves by name.
     ends : sequence of tuple of Axes and sequence of LabelledPoint
-        The panels with the last points of their curves.
-    room : float
+        The axes of each panel with the last points of its curves.
+    label_width : float
         Width of the longest name as a fraction of the width of a panel.
     is_logarithmic : bool
         Whether the axes have logarithmic scales.
@@ -196,15 +203,30 @@ def _label_curves(
         get_figure(first).legend(lines, list(colours), **position)
         return
     if is_logarithmic:
-        first.set_xlim(low, high * (high / low) ** room)
+        first.set_xlim(low, high * (high / low) ** label_width)
     else:
-        first.set_xlim(low, high + room * (high - low))
+        first.set_xlim(low, high + label_width * (high - low))
     for ax, panel_ends in ends:
         label_points(ax, panel_ends)
 
 
 def _draw_panel(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> list[LabelledPoint]:
-    """Draw the curves with dots, and the readings as rings; return the ends of the curves."""
+    """Draw the curves with dots, and the readings as rings.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes of the panel.
+    frame : DataFrame
+        The points of the curves and the readings, see `Panel`.
+    colours : mapping of str to colour
+        Colours of the curves by name.
+
+    Returns
+    -------
+    list of LabelledPoint
+        The last point of each curve, without curves whose last charge is infinite or NaN.
+    """
     ends = []
     computed = frame[frame.charge_pC.isna()]
     for name, rows in computed.groupby("curve", sort=False):
@@ -222,7 +244,7 @@ def _draw_panel(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> li
 
 
 def _draw_differences(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> None:
-    """Draw the differences of computed charges and readings in percent of the readings."""
+    """Draw the differences between computed charges and readings, in percent of the readings."""
     data = frame[frame.charge_pC.notna()]
     for name, rows in data.groupby("curve"):
         percent = 100.0 * (rows.computed_pC / rows.charge_pC - 1.0)
@@ -232,7 +254,7 @@ def _draw_differences(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any])
 
 
 def _set_log_scales(ax: Axes) -> None:
-    """Make both axes logarithmic, with plain numbers at their ticks."""
+    """Make both axes logarithmic, with ticks at 1, 2 and 5 times powers of ten."""
     ax.set(xscale="log", yscale="log")
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -243,8 +265,17 @@ def _set_log_scales(ax: Axes) -> None:
 def _interpolate(x: Array, y: Array) -> tuple[Array, Array]:
     """Interpolate points by a modified Akima spline, which does not oscillate between them.
 
-    Returns x and y of `SAMPLES` points. Points with infinite or NaN y are ignored, and fewer than
-    two points are returned unchanged.
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Increasing coordinates of the points.
+    y : ndarray, shape (n,)
+        Values at the points. Points whose value is infinite or NaN are left out.
+
+    Returns
+    -------
+    x, y : ndarray, shape (m,)
+        `SAMPLES` points of the spline, or the remaining points if there are fewer than two.
     """
     is_finite = np.isfinite(y)
     x = x[is_finite]
@@ -256,7 +287,11 @@ def _interpolate(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def label_points(ax: Axes, points: Sequence[LabelledPoint]) -> None:
-    """Write the names of points to their right, moved vertically so that they do not overlap."""
+    """Write the name of each point to its right, moved vertically if names would overlap.
+
+    A name that is moved far is connected to its point by a line. The layout of the figure is
+    computed first, so that axes and limits must not change afterwards.
+    """
     if not points:
         return
     figure = get_figure(ax)
@@ -280,12 +315,12 @@ def label_points(ax: Axes, points: Sequence[LabelledPoint]) -> None:
         label.set(in_layout=False, path_effects=[HALO], zorder=5)
 
 
-def space_labels(places: Array, width: float, gap: float) -> Array:
+def space_labels(positions: Array, width: float, gap: float) -> Array:
     """Compute vertical positions of labels that do not overlap.
 
     Parameters
     ----------
-    places : ndarray, shape (n, 2)
+    positions : ndarray, shape (n, 2)
         Preferred positions of the left ends of the labels in pixels.
     width : float
         Width of the longest label in pixels.
@@ -295,13 +330,14 @@ def space_labels(places: Array, width: float, gap: float) -> Array:
     Returns
     -------
     ndarray, shape (n,)
-        Vertical positions in pixels, close to the preferred ones.
+        Vertical positions in pixels, close to the preferred ones. With very many labels, some
+        overlaps may remain after `MAX_PASSES` iterations.
     """
-    heights = places[:, 1].copy()
+    heights = positions[:, 1].copy()
     order = np.argsort(heights, kind="stable").tolist()
     neighbours = []
     for lower, upper in combinations(order, 2):
-        if abs(places[lower, 0] - places[upper, 0]) < width:
+        if abs(positions[lower, 0] - positions[upper, 0]) < width:
             neighbours.append((lower, upper))
     for _ in range(MAX_PASSES):
         for lower, upper in neighbours:

@@ -22,7 +22,7 @@ from pvdf_fem.problem.contact_result import compute_contact_pressure
 
 
 class ExportError(FileError):
-    """A solution or mesh cannot be written in a format; the message says what to change."""
+    """A solution or mesh cannot be written in a file format; the message says what to change."""
 
 
 def write_vtu(film: FilmData, path: str | Path) -> None:
@@ -77,7 +77,10 @@ def write_vtu(film: FilmData, path: str | Path) -> None:
 
 
 def _make_field_data(film: FilmData) -> dict[str, Array]:
-    """Return the charges and their errors by electrode, and texts as arrays of UTF-8 bytes."""
+    """Return the field data that `write_vtu` describes, as arrays by name.
+
+    Texts are arrays of UTF-8 bytes, and empty texts are left out.
+    """
     data: dict[str, Any] = {}
     for name, charge in film.charges_pC.items():
         data[f"charge_pC {name}"] = np.array([charge])
@@ -91,21 +94,27 @@ def _make_field_data(film: FilmData) -> dict[str, Array]:
 
 
 def _compute_mean_stress(film: FilmData) -> Array:
-    """Compute the mean stress of each element in Pa, an array of shape (elements, 3)."""
+    """Compute S11, S22 and S12 in Pa, averaged over the area of each element.
+
+    Returns
+    -------
+    ndarray, shape (elements, 3)
+    """
     points = film.in_elements(film.equilibrium.space.basis.X)
     weights = film.equilibrium.space.weights[..., None]
     return 1e6 * (points.stress_MPa * weights).sum(axis=1) / weights.sum(axis=1)
 
 
 def _compute_nodal_values(film: FilmData) -> tuple[Array, Array]:
-    """Compute displacements and averaged stresses at the nodes.
+    """Compute the displacements at the nodes, and the stresses averaged around each node.
 
     Returns
     -------
     displacement : ndarray, shape (nodes, 3)
         Displacements in m.
     stress : ndarray, shape (nodes, 3)
-        Components S11, S22 and S12 in Pa, averaged over the elements around each node.
+        Components S11, S22 and S12 in Pa: the mean, weighted by area, of the values that the
+        elements around the node have there.
     """
     nodes = film.mesh.dofs.element_dofs.T
     points = film.in_elements(ElementTriP2.doflocs.T)
@@ -118,9 +127,12 @@ def _compute_nodal_values(film: FilmData) -> tuple[Array, Array]:
 
 
 def _compute_nodal_pressure(film: FilmData) -> Array:
-    """Compute the mean contact pressure around each node in Pa, zero outside of contacts.
+    """Compute the mean contact pressure in Pa of the elements around each node.
 
-    The mean is taken over the areas in contact only.
+    Returns
+    -------
+    ndarray, shape (nodes,)
+        The mean over the touching area of these elements, or zero if none of them is touched.
     """
     nodes = film.mesh.dofs.element_dofs.T
     weights = film.equilibrium.space.weights
@@ -139,13 +151,14 @@ def _average_at_nodes(nodes: Indices, values: Array, areas: Array) -> Array:
     nodes : ndarray of int, shape (elements, 6)
         Nodes of the elements.
     values : ndarray, shape (elements, 6) or (elements, 1)
-        Values at the nodes of an element, or one value of the whole element.
+        Values of each element at its nodes, or one value of the whole element.
     areas : ndarray, shape (elements, 1)
-        Weights of the elements. A node whose elements have zero area gets the value 0.
+        Areas of the elements, or of the parts of them that count.
 
     Returns
     -------
     ndarray, shape (nodes,)
+        The averages, which are zero at nodes whose elements have zero area.
     """
     flat_nodes = nodes.ravel()
     weighted = np.broadcast_to(areas * values, nodes.shape).ravel()
@@ -155,7 +168,7 @@ def _average_at_nodes(nodes: Indices, values: Array, areas: Array) -> Array:
 
 
 def _split_components(stress: Array) -> dict[str, Array]:
-    """Return the components S11, S22 and S12 of stresses, shape (n, 3), by name."""
+    """Return S11, S22 and S12 of stresses in Pa, shape (n, 3), by the names of their arrays."""
     s11, s22, s12 = np.moveaxis(stress, -1, 0)
     return {"S11_Pa": s11, "S22_Pa": s22, "S12_Pa": s12}
 
@@ -172,7 +185,7 @@ class MeshFormat:
         How the format stores patches: as cell data of 0 and 1 for each patch; as named groups
         without overlap, one for each combination of patches; or as named sets, which may overlap.
     options : tuple of tuple of str and value
-        Keyword arguments of meshio's writer.
+        Names and values of keyword arguments of meshio's writer.
     """
 
     name: str
@@ -180,7 +193,7 @@ class MeshFormat:
     options: tuple[tuple[str, Any], ...] = ()
 
 
-#: Formats by extension.
+#: Formats of `write_mesh` by extension.
 FORMATS = {
     ".msh": MeshFormat("gmsh22", "groups", (("binary", False),)),
     ".inp": MeshFormat("abaqus", "sets"),
@@ -192,20 +205,20 @@ FORMATS = {
 
 
 def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
-    """Write a mesh in the format of the path's extension (`FORMATS`).
+    """Write a mesh with its patches, in the format that the extension of the path chooses.
 
     Parameters
     ----------
     mesh : MeshTri2
         A mesh of the film with its patches, in m.
     path : path
-        The file to write.
+        The file to write, with an extension in `FORMATS`.
 
     Raises
     ------
     ExportError
-        If the extension is unknown, if two electrodes would get the same name, or if meshio lacks
-        a library for the format.
+        If the extension is unknown, if two electrodes would get the same name because blanks are
+        replaced, or if meshio lacks a library for the format.
     FileError
         If the file cannot be written.
 
@@ -245,9 +258,19 @@ def write_mesh(mesh: MeshTri2, path: str | Path) -> None:
 
 
 def _add_groups(grid: Any, mesh: MeshTri2) -> None:
-    """Add gmsh's physical groups to a grid in place: combinations of patches, and the rim."""
+    """Add the combinations of patches, and the rim, to a grid as gmsh's physical groups.
+
+    Parameters
+    ----------
+    grid : meshio.Mesh
+        The grid of `mesh`. The lines of the rim are added to its cells, and its cell data and field
+        data are replaced.
+    mesh : MeshTri2
+        The mesh with its patches.
+    """
     masks = _make_masks(mesh)
     stacked = np.array(list(masks.values())).reshape(len(masks), -1)
+    # the distinct combinations of patches, and for each element the index of its combination
     combinations, group = np.unique(stacked, axis=1, return_inverse=True)
     names = []
     for combination in combinations.T:
@@ -264,7 +287,10 @@ def _add_groups(grid: Any, mesh: MeshTri2) -> None:
 
 
 def _make_masks(mesh: MeshTri2) -> dict[str, NDArray[np.int32]]:
-    """Return a mask of the elements for each patch by name: 1 inside and 0 outside."""
+    """Return an array of shape (elements,) for each patch by name, 1 inside and 0 outside.
+
+    The patches are all subdomains of the mesh apart from the whole film.
+    """
     masks = {}
     for name, elements in mesh.subdomains.items():
         if name != FILM:
@@ -275,7 +301,14 @@ def _make_masks(mesh: MeshTri2) -> dict[str, NDArray[np.int32]]:
 
 
 def _replace_blanks(masks: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Return masks by names in which underscores replace blanks.
+    """Replace the blanks in the names of masks by underscores, and return the masks by new name.
+
+    Parameters
+    ----------
+    masks : dict of str to ndarray
+        The masks by name, which remain unchanged.
+    path : Path
+        The file to write, for the error message.
 
     Raises
     ------
@@ -292,13 +325,19 @@ def _replace_blanks(masks: dict[str, Any], path: Path) -> dict[str, Any]:
 
 
 def _find_rim_lines(mesh: MeshTri2) -> Indices:
-    """Return the nodes of the rim's three-node lines, an array of shape (lines, 3)."""
+    """Return the nodes of the lines along the rim.
+
+    Returns
+    -------
+    ndarray of int, shape (lines, 3)
+        The two ends of each line, then the node in its middle.
+    """
     facets = mesh.boundaries[RIM]
     return np.vstack([mesh.facets[:, facets], mesh.dofs.facet_dofs[0, facets]]).T
 
 
 def _import_meshio() -> Any:
-    """Import meshio only when it is needed, because this takes a quarter of a second."""
+    """Import and return meshio, only when it is needed: this takes a quarter of a second."""
     import meshio
 
     return meshio
@@ -307,16 +346,20 @@ def _import_meshio() -> Any:
 def _make_grid(
     mesh: MeshTri2, cell_data: Mapping[str, NDArray[Any]] | None = None, **data: Any
 ) -> Any:
-    """Convert a mesh to a mesh of meshio.
+    """Convert a mesh to a mesh of meshio, with z = 0 and counter-clockwise elements.
 
     Parameters
     ----------
     mesh : MeshTri2
-        The mesh in m.
+        The mesh in m of six-node triangles.
     cell_data : mapping of str to ndarray, shape (elements,), optional
         Values of the elements by name.
     **data
         Additional arguments of `meshio.Mesh`.
+
+    Returns
+    -------
+    meshio.Mesh
     """
     points = np.column_stack([mesh.doflocs.T, np.zeros(mesh.doflocs.shape[1])])
     triangles = [("triangle6", _orient_elements(mesh))]
@@ -325,34 +368,41 @@ def _make_grid(
 
 
 def _orient_elements(mesh: MeshTri2) -> Indices:
-    """Return the nodes of the elements in counter-clockwise order.
+    """Return the nodes of the elements, with those of clockwise elements in reverse order.
 
     Returns
     -------
     ndarray of int, shape (elements, 6)
-        The vertices, then the mid-side nodes.
+        The vertices counter-clockwise, then the mid-side nodes in the same order.
     """
     nodes = np.asarray(mesh.dofs.element_dofs.T)
     a, b, c = mesh.doflocs.T[nodes[:, :3]].swapaxes(0, 1)
     x1, y1 = (b - a).T
     x2, y2 = (c - a).T
-    is_clockwise = x1 * y2 < x2 * y1
+    is_clockwise = x1 * y2 < x2 * y1  # the signed area is negative
     return np.where(is_clockwise[:, None], nodes[:, [0, 2, 1, 5, 4, 3]], nodes)
 
 
 def _write_grid(grid: Any, path: Path, name: str, **options: Any) -> None:
-    """Write a grid to a file, with its field data in a VTU file.
+    """Write a grid to a file by meshio; add its field data if it is a VTU file.
 
     Parameters
     ----------
     grid : meshio.Mesh
-        The grid.
+        The grid. For a VTU file, the names of its cell data are escaped in place.
     path : Path
         The file to write.
     name : str
         Name of the format in meshio.
     **options
         Keyword arguments of meshio's writer.
+
+    Raises
+    ------
+    ExportError
+        If meshio needs a library that is not installed.
+    FileError
+        If the file cannot be written.
     """
     if name == "vtu":  # meshio does not escape names for XML
         grid.cell_data = {_escape_xml(key): values for key, values in grid.cell_data.items()}
@@ -369,12 +419,21 @@ def _write_grid(grid: Any, path: Path, name: str, **options: Any) -> None:
 
 
 def _escape_xml(name: str) -> str:
-    """Escape a name for an XML file in ASCII."""
+    """Return a name for an XML file, with markup and characters outside of ASCII escaped."""
     return escape(name).encode("ascii", "xmlcharrefreplace").decode()
 
 
 def _add_field_data(path: Path, arrays: dict[str, Array]) -> None:
-    """Add arrays as field data to a VTU file, since meshio can read but not write these."""
+    """Insert arrays as field data into an existing VTU file, which meshio reads but cannot write.
+
+    Parameters
+    ----------
+    path : Path
+        The VTU file, which is changed.
+    arrays : dict of str to ndarray, shape (n,)
+        Arrays of 64-bit floats or of bytes by name.
+    """
+    # VTK's types by the kind of numpy's
     types = {"f": "Float64", "u": "UInt8"}
     elements = []
     for name, array in arrays.items():

@@ -19,7 +19,7 @@ MAX_COORDINATES = 2001
 def make_grid_coordinates(
     radius_mm: float, step_mm: float, max_coordinates: int = MAX_COORDINATES
 ) -> Array:
-    """Return the coordinates along one axis of a square grid around the film's centre.
+    """Return the coordinates along one axis of a square grid that covers the film.
 
     Parameters
     ----------
@@ -28,17 +28,19 @@ def make_grid_coordinates(
     step_mm : float
         Distance between neighbouring coordinates in mm.
     max_coordinates : int
-        Maximum number of coordinates.
+        Maximum number of coordinates, which limits how small the step may be.
 
     Returns
     -------
     ndarray, shape (n,)
-        Multiples of the step in mm, from minus to plus the radius.
+        The multiples of the step in mm, with zero in the middle, whose magnitude is at most the
+        radius.
 
     Raises
     ------
     ValueError
-        If the step is larger than the radius, or so small that there are too many coordinates.
+        If the step is larger than the radius, or smaller than the diameter divided by
+        `max_coordinates`.
     """
     least_mm = 2.0 * radius_mm / max_coordinates
     step_mm = coerce("step_mm", step_mm, float, (least_mm, radius_mm), "mm")
@@ -47,19 +49,20 @@ def make_grid_coordinates(
 
 
 def make_field_dataset(values: PointValues, scene: str) -> xarray.Dataset:
-    """Make a dataset of the fields on a grid.
+    """Make an xarray dataset from the values of all fields on a square grid.
 
     Parameters
     ----------
     values : PointValues
-        Values at n x n points; y is constant along a row.
+        Values at n x n points. y is constant along a row, and x along a column.
     scene : str
         Text of the scene, which becomes an attribute of the dataset.
 
     Returns
     -------
     xarray.Dataset
-        Fields with the dimensions ``y_mm`` and ``x_mm``, and a third one for components.
+        Fields with the dimensions ``y_mm`` and ``x_mm``. Vectors and tensors have a third
+        dimension for their components.
     """
     grid = ("y_mm", "x_mm")
     variables: dict[str, Any] = {

@@ -66,11 +66,12 @@ class NotebookFigure(Figure):
     """A figure without a window, which notebooks show as PNG."""
 
     def _repr_png_(self) -> bytes:
+        """Return the figure as the content of a PNG file."""
         return render_figure(self, ".png")
 
 
 def make_figure(width_mm: float = 160.0, height_mm: float = 100.0) -> Figure:
-    """Return an empty figure that does not belong to a window."""
+    """Make an empty figure of a width and a height, which does not belong to a window."""
     mm_per_inch = 25.4
     return NotebookFigure(figsize=(width_mm / mm_per_inch, height_mm / mm_per_inch), dpi=DPI)
 
@@ -81,7 +82,7 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     Parameters
     ----------
     figure : Figure
-        The figure.
+        The figure, whose layout is computed and then remains as it is.
     path : path
         File to write; its extension chooses the format.
 
@@ -100,7 +101,10 @@ def save_figure(figure: Figure, path: str | Path) -> None:
 
 
 def render_figure(figure: Figure, suffix: str) -> bytes:
-    """Render a figure to the bytes of a file with the extension `suffix`, such as ``.svg``."""
+    """Return a figure as the content of a file with the extension `suffix`, such as ``.svg``.
+
+    The layout of the figure is computed and then remains as it is.
+    """
     with matplotlib.rc_context({**_STYLE, **_REPRODUCIBLE}):
         layout = figure.get_layout_engine()
         if layout is not None:
@@ -112,7 +116,7 @@ def render_figure(figure: Figure, suffix: str) -> bytes:
 
 
 def make_map_axes() -> Axes:
-    """Make a new figure for a map with a colour bar, and return its axes."""
+    """Make a new figure with room for a map and a colour bar, and return the axes of the map."""
     figure = make_figure(120.0, 100.0)
     figure.set_layout_engine("compressed")  # the default layout cuts labels beside a colour bar
     return figure.subplots()
@@ -143,7 +147,10 @@ def add_colour_bar(ax: Axes, drawn: ScalarMappable, label: str, **options: Any) 
 
 
 def get_line_style(number: int) -> dict[str, Any]:
-    """Return the colour, line style and marker of the curve with an index."""
+    """Return the colour, line style and marker of the curve with index `number`.
+
+    Curves with the same colour have alternately solid and dashed lines.
+    """
     cycle, colour = divmod(number, len(COLOURS))
     return {
         "color": COLOURS[colour],
@@ -163,21 +170,23 @@ class ColourScale(NamedTuple):
 def choose_colours(
     values: ArrayLike, sequential: str = "viridis", both_signs: float = 0.05
 ) -> ColourScale:
-    """Choose a colour map for values.
+    """Choose a diverging colour map for values of both signs, and a sequential one for others.
 
     Parameters
     ----------
     values : array_like
-        The values to show.
+        The values to show, without NaN.
     sequential : str
-        Colour map for values of one sign. It is reversed for negative values.
+        Colour map for values of one sign. It is reversed if the largest magnitude is negative.
     both_signs : float
-        Values count as of both signs if the largest magnitude of each sign is above this fraction
-        of the largest magnitude of all values. They then get `DIVERGING`, centred at zero.
+        Values are of both signs if the largest positive and the largest negative magnitude are
+        above this fraction of the largest magnitude.
 
     Returns
     -------
     ColourScale
+        `DIVERGING` from minus to plus the largest magnitude, or the sequential colour map from the
+        minimum to the maximum.
     """
     low = float(np.min(values))
     high = float(np.max(values))
@@ -193,16 +202,16 @@ def choose_colours(
 def draw_rim(
     ax: Axes, radius_mm: float, reach_mm: float, centre_mm: ArrayLike = (0.0, 0.0)
 ) -> None:
-    """Draw the film's rim on axes in mm, and set their limits.
+    """Draw the film's rim, and set the limits and labels of the axes.
 
     Parameters
     ----------
     ax : Axes
-        Axes in mm.
+        Axes in mm to draw on. Both scales become equal, and the grid is switched off.
     radius_mm : float
         Radius of the film in mm.
     reach_mm : float
-        Half the width of the visible region in mm.
+        Half the width in mm of the visible region around the centre of the film.
     centre_mm : array_like, shape (2,)
         Centre of the film in mm.
     """
@@ -226,12 +235,12 @@ def draw_electrode(ax: Axes, outline: Outline, lines: Sequence[str], veil: float
     Parameters
     ----------
     ax : Axes
-        Axes in mm.
+        Axes in mm to draw on.
     outline : Outline
-        Outline in m.
+        Outline of the electrode in m.
     lines : sequence of str
-        Lines of text, with the electrode's name first. If there is little room, only the name is
-        drawn.
+        Lines of text, with the electrode's name first. If all of them would cover lines or texts,
+        only the name is drawn.
     veil : float
         Opacity of a white area inside the outline that covers the map, from 0 to 1.
     """
@@ -250,14 +259,14 @@ def draw_film(
     Parameters
     ----------
     ax : Axes
-        Axes in mm.
+        Axes in mm to draw on, whose limits and labels are set.
     radius_mm : float
         Radius of the film in mm.
     electrodes : iterable of Electrode
         Electrodes of the film.
     reach_mm : float, optional
-        Half the width of the visible region in mm. Default: the whole film. The region is enlarged
-        if it would cut an electrode.
+        Half the width of the visible region in mm. Default: the radius. The region is enlarged to
+        show all of each electrode that is closer to the film's centre than `reach_mm`.
     """
     electrodes = list(electrodes)
     reach = radius_mm if reach_mm is None else reach_mm
@@ -282,24 +291,26 @@ def draw_labelled_contours(
     min_size: float = 0.25,
     inner: float = 0.75,
 ) -> None:
-    """Draw contours of values, each with one label.
+    """Draw lines of equal value, with one label for each level unless its line is short.
 
     Parameters
     ----------
     ax : Axes
-        Axes in mm.
+        Axes in mm to draw on.
     x, y : ndarray, shape (n, m)
-        Coordinates of the points in mm.
+        Coordinates in mm of the points of a grid.
     values : ndarray, shape (n, m)
         Values at the points.
     levels : iterable of float
-        Values of the contours. Levels outside of the range of values are skipped.
+        Values of the lines. Levels outside of the range of `values` are not drawn.
     occupied : ndarray, shape (k, 2)
-        Points in mm from which the labels keep their distance.
+        Points in mm, such as the centres of electrodes. Each label is placed as far as possible
+        from these and from the earlier labels.
     min_size : float
-        Minimum size of a contour with a label, as a fraction of the width of the map.
+        Lines that are not longer than this fraction of the width of the grid, along x and along y,
+        get no label.
     inner : float
-        Labels are preferably within this fraction of the largest x from the origin.
+        Labels farther from the origin than this fraction of the largest x are avoided.
     """
     visible = [level for level in levels if values.min() < level < values.max()]
     if not visible:
@@ -307,13 +318,15 @@ def draw_labelled_contours(
     lines = ax.contour(x, y, values, visible, colors="black", linewidths=0.9)
     labels: list[tuple[float, float]] = []
     for path in lines.get_paths():
-        places = np.asarray(path.vertices)
-        if np.ptp(places, axis=0).max() <= min_size * np.ptp(x):
+        vertices = np.asarray(path.vertices)
+        if np.ptp(vertices, axis=0).max() <= min_size * np.ptp(x):
             continue
-        distances = np.linalg.norm(places[:, None] - [*occupied, *labels], axis=-1).min(axis=1)
-        distances[np.linalg.norm(places, axis=1) > inner * x.max()] *= 1e-3
+        to_avoid = [*occupied, *labels]
+        distances = np.linalg.norm(vertices[:, None] - to_avoid, axis=-1).min(axis=1)
+        is_far_out = np.linalg.norm(vertices, axis=1) > inner * x.max()
+        distances[is_far_out] *= 1e-3
         best = distances.argmax()
-        labels.append((places[best, 0], places[best, 1]))
+        labels.append((vertices[best, 0], vertices[best, 1]))
     texts = ax.clabel(lines, visible, fmt="%.4g", fontsize=7, manual=labels)
     for artist in (lines, *texts):
         artist.set_path_effects([HALO])
@@ -322,7 +335,7 @@ def draw_labelled_contours(
 def make_panels(
     count: int, abreast: int = 2, panel_mm: float = 45.0, share_y: bool = True
 ) -> tuple[Figure, list[Axes]]:
-    """Make a new figure with square panels in rows, by default two in a row for a phone.
+    """Make a new figure with square panels in rows; two in a row are readable on a phone.
 
     Parameters
     ----------
@@ -333,13 +346,13 @@ def make_panels(
     panel_mm : float
         Width of a panel in mm.
     share_y : bool
-        Whether panels have a common vertical axis. The horizontal axis is always common.
+        Whether all panels have the same limits along y. Those along x are always the same.
 
     Returns
     -------
     figure : Figure
     panels : list of Axes
-        Row by row.
+        The axes of the panels, row by row from the upper left.
     """
     rows = math.ceil(count / abreast)
     columns = min(count, abreast)

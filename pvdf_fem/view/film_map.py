@@ -22,7 +22,7 @@ from pvdf_fem.view.figures import (
 )
 from pvdf_fem.view.film_quantities import resolve_map
 
-#: Maximum number of electrodes whose charges are written on the map.
+#: Charges are written on the map if there are at most this many electrodes.
 MAX_CHARGES = 7
 
 
@@ -38,10 +38,10 @@ def draw_film_map(
     name : str
         Name of the quantity, a key of `MAPS`.
     ax : Axes, optional
-        Axes in mm to draw on. Default: axes of a new figure.
+        Axes in mm to draw on. Their limits and title are changed. Default: axes of a new figure.
     reach_mm : float, optional
-        Half the width of the visible region in mm. Default: the whole film, or the surroundings of
-        the contacts for contact pressures.
+        Half the width in mm of the visible region around the film's centre. Default: the whole
+        film, but for contact pressures the surroundings of the contacts.
 
     Returns
     -------
@@ -51,7 +51,8 @@ def draw_film_map(
     Raises
     ------
     ValueError
-        If the name is not a key of `MAPS`, or if the scene does not have this quantity.
+        If the name is not a key of `MAPS`, if the scene does not have this quantity, or if another
+        argument is invalid.
     """
     scene = film.scene
     film_map = resolve_map(name, scene)
@@ -79,12 +80,12 @@ def draw_film_map(
 
 
 def _draw_electrodes(ax: Axes, film: FilmData, veil: float) -> None:
-    """Draw the electrodes with their names, and if there are few also with their charges.
+    """Draw the electrodes with names, and with charges if there are at most `MAX_CHARGES`.
 
     Parameters
     ----------
     ax : Axes
-        Axes in mm.
+        Axes in mm to draw on.
     film : FilmData
         The solution.
     veil : float
@@ -101,7 +102,10 @@ def _draw_electrodes(ax: Axes, film: FilmData, veil: float) -> None:
 
 
 def _describe_probes(scene: Scene) -> str:
-    """Describe the probes with their positions and their forces or depths, for a title."""
+    """Return a title that describes the force or depth of each probe.
+
+    The shape and position are given only if there is a single probe.
+    """
     probe_loads = scene.loaded_probes
     if not probe_loads:
         return "nothing presses"
@@ -119,18 +123,19 @@ def _describe_probes(scene: Scene) -> str:
 
 
 def _zoom_to_points(ax: Axes, points_mm: Array, radius_mm: float, margin: float = 0.2) -> None:
-    """Zoom axes to the surroundings of points, with an overview of the film in a corner.
+    """Set the limits of axes to a square around points, and draw the whole film in a corner.
 
     Parameters
     ----------
     ax : Axes
-        Axes in mm.
+        Axes in mm, whose limits are changed and which get an inset.
     points_mm : ndarray, shape (n, 2)
-        Points in mm.
+        Points in mm that remain visible.
     radius_mm : float
-        Radius of the film in mm.
+        Radius of the film in mm, for the inset.
     margin : float
-        Margin around the points as a fraction of the width of their region.
+        Distance of the points from the edges, as a fraction of the largest distance of two points
+        along x or y.
     """
     low = points_mm.min(axis=0)
     high = points_mm.max(axis=0)

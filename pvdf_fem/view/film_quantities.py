@@ -41,17 +41,17 @@ class FilmMap:
     label : str
         Label of the colour bar, with unit and sign convention.
     draw : callable
-        Function that draws the quantity on axes in mm. It returns the artist for a colour bar, or
-        None for a map without a colour bar.
+        Function that draws the quantity of a solution on axes in mm, with the label, colours and
+        values of a map. It returns the artist for a colour bar, or None if there is to be none.
     values : callable, optional
-        Function that returns the values of a field at points, in the unit of the label. None for a
-        quantity that is not a field, such as the mesh.
+        Function that returns the values of the quantity at points, in the unit of the label. None
+        for a quantity that is not a field, such as the mesh.
     colours : str
         Name of a colour map of matplotlib.
     veil : float
         Opacity of a white area inside each electrode that covers the map, from 0 to 1.
     region : callable, optional
-        Function that returns points in mm, shape (n, 2), to whose surroundings the map is zoomed.
+        Function that returns the points in mm, shape (n, 2), around which the map is shown.
         Default: the map shows the whole film.
     """
 
@@ -85,17 +85,17 @@ class SampledField(NamedTuple):
 def sample_field(
     film: FilmData, film_map: FilmMap, max_triangles: float = MAX_TRIANGLES
 ) -> SampledField:
-    """Sample a field in all elements.
+    """Divide all elements into small triangles, and evaluate a field at their corners.
 
     Parameters
     ----------
     film : FilmData
         The solution.
     film_map : FilmMap
-        The field to sample.
+        The map of the field.
     max_triangles : float
-        Every element is divided into four triangles, and these again, as long as the total number
-        of triangles stays below this limit. Elements are divided at least once.
+        Every element is divided into four triangles, and these again, while the total number of
+        triangles is at most this limit. Elements are divided at least once, whatever the limit.
 
     Returns
     -------
@@ -104,12 +104,13 @@ def sample_field(
     Raises
     ------
     ValueError
-        If the quantity is not a field.
+        If the quantity has no values at points, such as the mesh.
     """
     if film_map.values is None:
         fields = ", ".join(name for name, other in MAPS.items() if other.values)
         raise ValueError(f"quantity: is not a field of the film; choose from {fields}")
     elements = film.mesh.nelements
+    # each division multiplies the number of triangles by four
     divisions = max(1, int(np.log(max_triangles / elements) / np.log(4.0)))
     reference = MeshTri1.init_refdom().refined(divisions)
     points = film.in_elements(reference.p)
@@ -119,7 +120,7 @@ def sample_field(
 
 
 def _triangulate(film: FilmData, film_map: FilmMap) -> tuple[Triangulation, Array]:
-    """Return the triangulation of a field, and its values at the flattened points."""
+    """Return the triangulation of a sampled field in mm, and the values at its corners."""
     points, triangles, values = sample_field(film, film_map)
     return Triangulation(points.x_mm.ravel(), points.y_mm.ravel(), triangles), values.ravel()
 
@@ -127,14 +128,21 @@ def _triangulate(film: FilmData, film_map: FilmMap) -> tuple[Triangulation, Arra
 def _draw_filled_contours(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
     """Draw a field by filled contours between about ten round levels.
 
+    The levels cover the values and zero.
+
     Parameters
     ----------
     ax : Axes
-        Axes in mm.
+        Axes in mm to draw on.
     film : FilmData
         The solution.
     film_map : FilmMap
-        Field and colours.
+        The map with the values and the colours of the field.
+
+    Returns
+    -------
+    ScalarMappable
+        The artist for a colour bar.
     """
     triangulation, values = _triangulate(film, film_map)
     colours = choose_colours([0.0, *values], film_map.colours)
@@ -145,19 +153,25 @@ def _draw_filled_contours(ax: Axes, film: FilmData, film_map: FilmMap) -> Scalar
 
 
 def _draw_continuous_field(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
-    """Draw a field with continuous colours between its minimum and maximum.
+    """Draw a field with continuous colours on a square-root scale.
 
-    The colour scale is the square root of the distance from zero, or from the extreme value closest
-    to zero, so that small values far from the probe are also visible.
+    Colours are proportional to the square root of the distance from zero, so that small values far
+    from the probe are also visible. If all values have one sign, the distance is that from the
+    value closest to zero.
 
     Parameters
     ----------
     ax : Axes
-        Axes in mm.
+        Axes in mm to draw on.
     film : FilmData
         The solution.
     film_map : FilmMap
-        Field and colours.
+        The map with the values and the colours of the field.
+
+    Returns
+    -------
+    ScalarMappable
+        The artist for a colour bar.
     """
     triangulation, values = _triangulate(film, film_map)
     colours = choose_colours(values, film_map.colours)
@@ -181,15 +195,20 @@ def _draw_interpolated_triangles(
     Parameters
     ----------
     ax : Axes
-        Axes in mm.
+        Axes in mm to draw on.
     triangulation : Triangulation
         Triangles with corners in mm.
     values : ndarray, shape (points,)
         Values at the corners.
     norm : Normalize
-        Scale of the colours.
+        Scale that maps values to the range of the colour map.
     colours : str
         Name of a colour map of matplotlib.
+
+    Returns
+    -------
+    ScalarMappable
+        The artist for a colour bar.
     """
     return ax.tripcolor(
         triangulation, values, shading="gouraud", norm=norm, cmap=colours, rasterized=True
@@ -197,33 +216,39 @@ def _draw_interpolated_triangles(
 
 
 def _draw_principal_directions(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
-    """Draw the larger principal stress, with strokes along its direction.
+    """Draw the larger principal stress, with strokes along its direction on a square grid.
 
     The length of a stroke is proportional to the anisotropy (S_1 - S_2) / (|S_1| + |S_2|) of the
-    principal stresses S_1 >= S_2.
+    principal stresses S_1 >= S_2. The longest stroke is as long as the step of the grid.
 
     Parameters
     ----------
     ax : Axes
-        Axes in mm.
+        Axes in mm to draw on, whose limits define the grid.
     film : FilmData
         The solution.
     film_map : FilmMap
-        The larger principal stress.
+        The map with the values and the colours of the larger principal stress.
+
+    Returns
+    -------
+    ScalarMappable
+        The artist for a colour bar.
     """
     drawn = _draw_continuous_field(ax, film, film_map)
     reach = np.ptp(ax.get_xlim()) / 2.0
     ticks, step = np.linspace(-reach, reach, 36, retstep=True)
-    places = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
-    places = places[np.hypot(*places.T) < 0.99 * film.scene.film.radius_mm]
-    stress = evaluate_at(film.equilibrium, film.state, *places.T).stress_MPa
+    grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+    is_on_film = np.hypot(*grid.T) < 0.99 * film.scene.film.radius_mm
+    centres = grid[is_on_film]
+    stress = evaluate_at(film.equilibrium, film.state, *centres.T).stress_MPa
     smaller, larger = compute_principal_values(stress)
     angle = 0.5 * np.arctan2(2.0 * stress[:, 2], stress[:, 0] - stress[:, 1])
     anisotropy = (larger - smaller) / (np.abs(larger) + np.abs(smaller))
     half_length = 0.5 * step * anisotropy / max(anisotropy.max(), 1e-9)
     direction = np.column_stack([np.cos(angle), np.sin(angle)])
     offset = half_length[:, None] * direction
-    strokes = np.stack([places - offset, places + offset], axis=1)
+    strokes = np.stack([centres - offset, centres + offset], axis=1)
     ax.add_collection(LineCollection(list(strokes), color="white", linewidth=0.8))
     return drawn
 
@@ -231,14 +256,16 @@ def _draw_principal_directions(ax: Axes, film: FilmData, film_map: FilmMap) -> S
 def _draw_mesh(ax: Axes, film: FilmData, film_map: FilmMap) -> None:
     """Draw the element edges, and fill the elements of electrodes and probes.
 
+    The title is replaced by the numbers of elements and unknowns.
+
     Parameters
     ----------
     ax : Axes
-        Axes in mm.
+        Axes in mm to draw on.
     film : FilmData
         The solution.
     film_map : FilmMap
-        Not used, but all drawing functions have this parameter.
+        Not used. All drawing functions in `MAPS` have this parameter.
     """
     sides = _trace_element_boundaries_mm(film)
     electrodes = {make_subdomain_name(name) for name in film.charges_pC}
@@ -252,18 +279,24 @@ def _draw_mesh(ax: Axes, film: FilmData, film_map: FilmMap) -> None:
 
 
 def _draw_error_contributions(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
-    """Draw the contribution of each element to the estimated errors of the charges.
+    """Draw the largest contribution of each element to the estimated error of any charge.
 
-    For each element this is the largest contribution to the error of any charge, in pC.
+    The contributions in pC have a logarithmic scale of four decades. Smaller ones get the colour
+    of its lower end.
 
     Parameters
     ----------
     ax : Axes
-        Axes in mm.
+        Axes in mm to draw on.
     film : FilmData
         The solution.
     film_map : FilmMap
-        Label and colours.
+        The map with the colours.
+
+    Returns
+    -------
+    ScalarMappable
+        The artist for a colour bar.
     """
     contributions_pC = 1e12 * film.error_contributions().max(axis=1)
     largest = max(float(contributions_pC.max()), np.finfo(float).eps)
@@ -276,26 +309,31 @@ def _draw_error_contributions(ax: Axes, film: FilmData, film_map: FilmMap) -> Sc
 
 
 def _draw_contact_pressure(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
-    """Draw the pressure where the film touches indenter tips.
+    """Draw the contact pressure, interpolated between the touching quadrature points.
 
     Parameters
     ----------
     ax : Axes
-        Axes in mm.
+        Axes in mm to draw on.
     film : FilmData
-        The solution.
+        A solution in which the film touches at least one tip.
     film_map : FilmMap
-        Label and colours.
+        The map with the colours.
+
+    Returns
+    -------
+    ScalarMappable
+        The artist for a colour bar.
     """
     contacts = film.contacts.values()
     lowest = min(contact.least_pressure_MPa for contact in contacts)
     highest = max(contact.largest_pressure_MPa for contact in contacts)
-    places_mm = 1e3 * np.asarray(film.equilibrium.space.basis.global_coordinates())
+    points_mm = 1e3 * np.asarray(film.equilibrium.space.basis.global_coordinates())
     pressure = compute_contact_pressure(film.equilibrium, film.state)
     is_touching = pressure > 0.0
     return _draw_interpolated_triangles(
         ax,
-        Triangulation(*places_mm[:, is_touching]),
+        Triangulation(*points_mm[:, is_touching]),  # a Delaunay triangulation
         1e-6 * pressure[is_touching],
         norm=Normalize(lowest, highest),
         colours=film_map.colours,
@@ -303,12 +341,12 @@ def _draw_contact_pressure(ax: Axes, film: FilmData, film_map: FilmMap) -> Scala
 
 
 def _get_contact_edges(film: FilmData) -> Array:
-    """Return the points on the edges of all contacts in mm, an array of shape (n, 2)."""
+    """Return points in mm along the edges of all contacts, an array of shape (n, 2)."""
     return np.concatenate([contact.edge_mm for contact in film.contacts.values()])
 
 
 def _trace_element_boundaries_mm(film: FilmData, segments: int = 5) -> list[Array]:
-    """Return points in mm along the curved sides of each element.
+    """Approximate the curved boundary of each element by a closed polygon in mm.
 
     Parameters
     ----------
@@ -320,8 +358,9 @@ def _trace_element_boundaries_mm(film: FilmData, segments: int = 5) -> list[Arra
     Returns
     -------
     list of ndarray, shape (points, 2)
-        A closed polygon for each element.
+        The corners of the polygon of each element, with the first one repeated at the end.
     """
+    # the corners of the reference triangle, and points between them that go once around it
     corners = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
     t = np.linspace(0.0, 3.0, 3 * segments + 1)
     boundary = np.stack([np.interp(t, range(4), coordinate) for coordinate in corners])
@@ -366,7 +405,7 @@ MAPS = {
 
 
 def resolve_map(name: str, scene: Scene) -> FilmMap:
-    """Return the map of a quantity, if the scene has this quantity.
+    """Return the map of a quantity, or raise an error if the scene does not have this quantity.
 
     Parameters
     ----------

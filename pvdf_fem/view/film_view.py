@@ -40,8 +40,8 @@ class NoRenderingError(ImportError):
 def require_rendering() -> None:
     """Raise `NoRenderingError` if VTK cannot render on this machine.
 
-    Rendering is tested in another process, because VTK crashes Python if it lacks libraries. The
-    result is cached.
+    Rendering is tested in another process, because VTK crashes Python if it lacks libraries. After
+    a success it is not tested again.
     """
     trial = subprocess.run([sys.executable, "-c", RENDERING_TEST], capture_output=True)
     if trial.returncode != 0:
@@ -63,16 +63,19 @@ def make_film_view(data: FilmData, name: str, scale: float | None, html: str | P
         Factor by which displacements are multiplied. By default the largest deflection in the view
         is a quarter of the film's radius.
     html : path, optional
-        HTML file to write. The view is then rendered off-screen.
+        HTML file to write. The view is then rendered off-screen. Default: nothing is written.
 
     Returns
     -------
     pyvista.Plotter
+        The view, which is not shown yet.
 
     Raises
     ------
     ImportError
-        If pyvista is not installed, or if it cannot render on this machine.
+        If pyvista, or for HTML trame, is not installed, or if VTK cannot render on this machine.
+    FileError
+        If the HTML file cannot be written.
     ValueError
         If the name is not a key of `MAPS`, or if the quantity is not a field.
     """
@@ -83,6 +86,7 @@ def make_film_view(data: FilmData, name: str, scale: float | None, html: str | P
     pyvista = _import_module("pyvista")
     require_rendering()
     if scale is None:
+        # every third unknown is a deflection
         largest_mm = 1e3 * float(np.abs(data.state.dofs[2::3]).max())
         quarter_mm = 0.25 * scene.film.radius_mm
         scale = quarter_mm / largest_mm if largest_mm > 0.0 else quarter_mm
@@ -128,14 +132,15 @@ def make_film_surface(data: FilmData, film_map: FilmMap, scale: float = 1.0) -> 
     data : FilmData
         The solution.
     film_map : FilmMap
-        The field.
+        The map of the field.
     scale : float
         Factor by which displacements are multiplied.
 
     Returns
     -------
     pyvista.PolyData
-        Surface with coordinates in mm, and the field as point data.
+        Surface of triangles with coordinates in mm and z upwards. Its point data are the values of
+        the field, by the label of the map without formula marks.
     """
     field = sample_field(data, film_map)
     points = _compute_displaced_points(field.points, scale).reshape(-1, 3)
@@ -145,18 +150,19 @@ def make_film_surface(data: FilmData, film_map: FilmMap, scale: float = 1.0) -> 
 
 
 def _compute_displaced_points(points: PointValues, scale: float) -> Array:
-    """Compute displaced points in mm, with positive deflections downwards.
+    """Compute the positions of displaced points in mm, with z upwards.
 
     Parameters
     ----------
     points : PointValues
-        Points with their displacements.
+        Points of the undeformed film, with their displacements.
     scale : float
         Factor by which displacements are multiplied.
 
     Returns
     -------
     ndarray, shape (..., 3)
+        The coordinates x, y and z. A positive deflection gives a negative z.
     """
     u, v, w = scale * np.moveaxis(points.displacement_mm, -1, 0)
     return np.stack([points.x_mm + u, points.y_mm + v, -w], axis=-1)
@@ -168,7 +174,10 @@ def _remove_formula_marks(label: str) -> str:
 
 
 def _import_module(name: str) -> Any:
-    """Import an optional module; if it is missing, the error message says what to install."""
+    """Import and return an optional module.
+
+    If the import fails, an `ImportError` says what to install.
+    """
     try:
         return import_module(name)
     except ImportError as error:
@@ -177,7 +186,7 @@ def _import_module(name: str) -> Any:
 
 
 def _render_page(window: Any) -> str:
-    """Serialize the content of a render window to an HTML page that contains its viewer."""
+    """Render a window of VTK, and return an HTML page with its content and a 3-D viewer for it."""
     serializers = _import_module("trame_vtk.modules.vtk.serializers")
     window.Render()
     serializers.initialize_serializers()

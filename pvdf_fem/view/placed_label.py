@@ -16,10 +16,10 @@ MARGIN = 2.0  #: Distance between a label and its box in points.
 
 
 class _Position(NamedTuple):
-    """The centre of a label in pixels, and the number of lines and texts that it covers there."""
+    """A position of a label, and the number of lines, outlines and texts that it would cover."""
 
-    x: float
-    y: float
+    x: float  #: Centre of the label in pixels.
+    y: float  #: Centre of the label in pixels.
     hidden: int
 
 
@@ -32,10 +32,10 @@ class PlacedLabel(Text):
     Parameters
     ----------
     box_mm : Bbox
-        The box in mm.
+        The box in mm beside which the text is drawn.
     text : str
-        Lines of text. Only the first line is drawn if all lines would cover something at every
-        position.
+        Lines of text. Only the first line is drawn if all lines together would cover a line or a
+        text at every position.
     size : float
         Font size in points.
     """
@@ -48,7 +48,11 @@ class PlacedLabel(Text):
         self.full_text = text
 
     def draw(self, renderer: RendererBase) -> None:
-        """Draw the text where it covers the fewest lines and texts, if its box is visible."""
+        """Draw the text where it covers the fewest lines and texts.
+
+        Nothing is drawn if the box is outside of the axes. The text and position of this artist
+        are changed.
+        """
         ax: Any = self.axes
         visible = Bbox.intersection(self.box_mm.transformed(ax.transData), ax.bbox)
         if visible is None:
@@ -63,9 +67,17 @@ class PlacedLabel(Text):
         super().draw(renderer)
 
     def _find_position(self, renderer: RendererBase, box: Bbox) -> _Position:
-        """Find the position beside a box in pixels where the text covers the least.
+        """Find the position beside or in a box where the text covers the fewest lines and texts.
 
-        Only texts that were added to the axes before this one are avoided.
+        Lines and outlines of the axes count, and the texts that were added to the axes before this
+        one. Of equal positions, the first one in the order of `_list_directions` is returned.
+
+        Parameters
+        ----------
+        renderer : RendererBase
+            The renderer, which measures texts.
+        box : Bbox
+            The visible part of the box in pixels.
         """
         ax: Any = self.axes
         margin: Any = renderer.points_to_pixels(MARGIN)
@@ -74,7 +86,7 @@ class PlacedLabel(Text):
         axes_low, axes_high = np.reshape(ax.bbox.extents, (2, 2))
         middle = 0.5 * (box_low + box_high)
         distance = 0.5 * (box_high - box_low) + half_size + margin
-        candidates = middle + self._list_candidate_directions() * distance
+        candidates = middle + self._list_directions() * distance
         candidates = np.clip(candidates, axes_low + half_size, axes_high - half_size)
         paths = [line.get_path().transformed(line.get_transform()) for line in ax.lines]
         paths += [patch.get_path().transformed(patch.get_transform()) for patch in ax.patches]
@@ -89,16 +101,24 @@ class PlacedLabel(Text):
             positions.append(_Position(x, y, hidden))
         return min(positions, key=lambda position: position.hidden)
 
-    def _list_candidate_directions(self) -> Array:
-        """Return candidate directions from the centre of the box, an array of shape (n, 2).
+    def _list_directions(self) -> Array:
+        """Return the directions from the box to the 17 positions that are tried, best first.
 
-        The four sides come first, beginning with the side away from the film's centre, then the
-        corners, then zero for a label in the centre of the box.
+        Returns
+        -------
+        ndarray, shape (17, 2)
+            Components -1, -0.5, 0, 0.5 or 1. The four sides, such as (1, 0), come first, then the
+            eight directions between a side and a corner, such as (1, 0.5), then the four corners
+            together with (0, 0), the centre of the box. Each of these groups begins with the
+            direction that points farthest away from the film's centre.
         """
         steps = np.linspace(1.0, -1.0, 5)
         grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
         is_on_edge_or_middle = np.isin(np.abs(grid).max(axis=1), [0.0, 1.0])
         directions = grid[is_on_edge_or_middle]
+        # rounded, so that the order of equally good directions does not depend on rounding errors
         outwards = np.round(np.mean([self.box_mm.p0, self.box_mm.p1], axis=0), 3)
-        is_diagonal = np.abs(np.abs(directions).sum(axis=1) - 1.0)
-        return directions[np.lexsort([-directions @ outwards, is_diagonal])]
+        # 0 for a side, 0.5 between side and corner, 1 for a corner and for the centre
+        distance_from_side = np.abs(np.abs(directions).sum(axis=1) - 1.0)
+        # lexsort sorts by its last key first
+        return directions[np.lexsort([-directions @ outwards, distance_from_side])]

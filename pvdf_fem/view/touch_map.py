@@ -43,14 +43,16 @@ LINE_LENGTH = 62  #: Maximum number of characters in a line of remarks.
 def draw_charge_map(
     scene: Scene, reach_mm: float, charge: Callable[[Array], Array], title: str, ax: Axes | None
 ) -> Figure:
-    """Draw the charge of an electrode by the probe's position, with lines of equal charge.
+    """Draw the charge of an electrode as a function of the probe's position.
+
+    Colours are continuous, and lines of equal charge have labels.
 
     Parameters
     ----------
     scene : Scene
         The film with its electrodes.
     reach_mm : float
-        Maximum distance of a touch from the film's centre in mm.
+        Radius in mm of the disc of positions for which the charge is drawn.
     charge : callable
         Function that returns the charges in pC, shape (n,), for positions of the probe in mm,
         shape (n, 2).
@@ -62,15 +64,16 @@ def draw_charge_map(
     Returns
     -------
     Figure
+        The figure to which the axes belong.
     """
     if ax is None:
         with use_style():
             return draw_charge_map(scene, reach_mm, charge, title=title, ax=make_map_axes())
     ax = coerce("ax", ax, Axes)
-    places = make_polar_grid(reach_mm, RADII, ANGLES)
-    x = places[..., 0]
-    y = places[..., 1]
-    charges = charge(places.reshape(-1, 2)).reshape(x.shape)
+    positions = make_polar_grid(reach_mm, RADII, ANGLES)
+    x = positions[..., 0]
+    y = positions[..., 1]
+    charges = charge(positions.reshape(-1, 2)).reshape(x.shape)
     colours = choose_colours(charges)
     shades = np.linspace(colours.low, colours.high, 256)
     filled = ax.contourf(x, y, charges, levels=shades, cmap=colours.name)
@@ -91,7 +94,7 @@ def draw_likelihood_map(
     deviation: Callable[[Array], Array],
     remarks: Sequence[str],
 ) -> Figure:
-    """Draw the likelihood of a touch by position, on the whole film and near its maximum.
+    """Draw the likelihood of a touch by position: on the whole film, and around the best touch.
 
     Parameters
     ----------
@@ -100,7 +103,7 @@ def draw_likelihood_map(
     reach_mm : float
         Maximum distance of a touch from the film's centre in mm.
     touches : sequence of mapping
-        Located touches in JSON form, the most likely one first.
+        Located touches as their `to_json` returns them, the most likely one first.
     deviation : callable
         Function that returns √(2 ln(L_max/L)), shape (n,), with the likelihood L of positions on
         the stage in mm, shape (n, 2), and its maximum L_max.
@@ -156,9 +159,11 @@ def draw_touch_ellipses(
     reach_mm : float
         Maximum distance of a touch from the film's centre in mm.
     touches : sequence of mapping
-        Located touches in JSON form. The opacity of a touch is its weight.
+        Located touches as their `to_json` returns them. The opacity of a touch is its weight, but
+        at least `MIN_OPACITY`.
     keys : sequence of str
-        Keys of the probes' x coordinates in a touch.
+        Key of the x coordinate of each probe in a touch. It ends with ``x_mm``; the keys of y and
+        of the force begin in the same way.
 
     Returns
     -------
@@ -188,16 +193,16 @@ def compute_deviation_ellipse(
     Parameters
     ----------
     touch : mapping
-        A touch in JSON form.
+        A located touch as its `to_json` returns it, with covariance and standard deviations.
     x_key : str
-        Key of the probe's x coordinate.
+        Key of the x coordinate of the probe, which ends with ``x_mm``.
     points : int
         Number of points on the ellipse.
 
     Returns
     -------
     ndarray, shape (points, 2)
-        Points in mm, with the first one repeated at the end.
+        Points in mm on the stage, with the first one repeated at the end.
 
     Notes
     -----
@@ -218,7 +223,15 @@ def compute_deviation_ellipse(
 
 
 def _mark_touches(ax: Axes, touches: Sequence[Mapping[str, Any]]) -> None:
-    """Mark the most likely touch, and the alternatives with their posterior weights in percent."""
+    """Mark the first touch as the most likely one, and the others with their weights in percent.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes in mm on the stage.
+    touches : sequence of mapping
+        Located touches as their `to_json` returns them. The weight is the posterior probability.
+    """
     for number, touch in enumerate(touches):
         place = (touch["x_mm"], touch["y_mm"])
         look: dict[str, Any] = {"color": COLOURS[1], "linestyle": "none"}
@@ -231,23 +244,28 @@ def _mark_touches(ax: Axes, touches: Sequence[Mapping[str, Any]]) -> None:
         text.set(clip_on=True, path_effects=[HALO])
 
 
-def _draw_likelihood(ax: Axes, deviation: Callable[[Array], Array], places: Array) -> Any:
-    """Draw the likelihood at points as filled contours, and return the artist.
+def _draw_likelihood(ax: Axes, deviation: Callable[[Array], Array], positions: Array) -> Any:
+    """Draw the likelihood on a grid as filled contours between `LEVELS`.
 
     Parameters
     ----------
     ax : Axes
-        Axes in mm.
+        Axes in mm to draw on.
     deviation : callable
         See `draw_likelihood_map`.
-    places : ndarray, shape (n, m, 2)
-        Positions on the stage in mm.
+    positions : ndarray, shape (n, m, 2)
+        Positions of the points of the grid on the stage in mm.
+
+    Returns
+    -------
+    ContourSet
+        The artist for a colour bar.
     """
-    deviations = deviation(places.reshape(-1, 2)).reshape(places.shape[:2])
+    deviations = deviation(positions.reshape(-1, 2)).reshape(positions.shape[:2])
     shades = np.minimum(deviations, LEVELS[-1])
     norm = BoundaryNorm(LEVELS, 256, extend="neither")
-    x = places[..., 0]
-    y = places[..., 1]
+    x = positions[..., 0]
+    y = positions[..., 1]
     return ax.contourf(x, y, shades, levels=LEVELS, cmap="Blues_r", norm=norm)
 
 
@@ -257,11 +275,11 @@ def draw_sensor_on_stage(ax: Axes, scene: Scene, reach_mm: float) -> None:
     Parameters
     ----------
     ax : Axes
-        Axes in mm.
+        Axes in mm to draw on, whose limits are set.
     scene : Scene
         The sensor, with its position and rotation on the stage.
     reach_mm : float
-        Half the width of the visible region around the film's centre in mm.
+        Half the width in mm of the visible region around the film's centre.
     """
     stage = scene.stage or Stage()
     centre_mm = np.array([stage.x_mm, stage.y_mm])

@@ -104,7 +104,7 @@ class Ellipse(Outline):
         to_disc = np.linalg.inv(self.axes)
         z = (points - self.centre) @ to_disc.T
         radius = np.hypot(z[:, 0], z[:, 1])
-        z[radius == 0.0] = 1.0, 0.0
+        z[radius == 0.0] = 1.0, 0.0  # at the centre, take the direction of the first axis
         outward = z / np.where(radius > 0.0, radius, 1.0)[:, None]
         return (radius - 1.0) / np.linalg.norm(outward @ to_disc, axis=1)
 

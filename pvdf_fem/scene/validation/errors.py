@@ -209,7 +209,11 @@ def _to_file_steps(location: tuple[int | str, ...], is_last_step_a_key: bool) ->
 
 
 def _advise_on_key(location: tuple[int | str, ...], model: type[BaseModel]) -> str:
-    """Return advice on the unknown key at the end of a location: a similar key or another shape."""
+    """Return advice on the unknown key at the end of a location.
+
+    The advice is to choose a shape that has the key, a similar key or any known key, or to remove
+    the key. A key of listed electrodes in a layout has advice of its own.
+    """
     unknown = location[-1]
     form = _find_shaped_table(location[:-1])
     if form is None:
@@ -243,10 +247,10 @@ def _find_shaped_table(location: tuple[int | str, ...]) -> TableForm | None:
 
 
 def _find_keys(location: tuple[int | str, ...], model: type[BaseModel]) -> list[str]:
-    """Find the keys of the table at a location in a model.
+    """Return the names of all keys of the table at a location in a model.
 
-    Only the model itself, its own tables and the load of a listed probe are covered; for any other
-    location the list is empty.
+    The location may be that of the model itself (it is then empty), of one of its tables or of the
+    load of a listed probe. For any other location the list is empty.
     """
     if not location:
         return list(model.model_fields)
@@ -268,7 +272,7 @@ def _find_quoted(text: str) -> list[str]:
 
 
 def _find_errors_between_valid_tables(data: Mapping[str, Any]) -> Iterator[str]:
-    """Find placement errors between those tables of a scene that are valid by themselves.
+    """Yield placement errors between those tables of a scene that are valid by themselves.
 
     The film takes part if its radius is valid, even if other keys of it are not.
     """

@@ -228,7 +228,7 @@ SETTINGS = {*(rule.first for rule in RULES), *(rule.second for rule in RULES)}
 
 
 def find_incompatible_keys(tables: SceneTables) -> Iterator[str]:
-    """Find pairs of keys of a scene that `RULES` do not allow together.
+    """Yield an error message for each pair of keys of a scene that `RULES` do not allow.
 
     If `Film.coupling` is set, the permittivity at constant strain is checked, too: it must be
     positive.

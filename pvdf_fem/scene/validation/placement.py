@@ -33,7 +33,7 @@ def find_placement_errors(
     load: Load | None,
     observable: str,
 ) -> Iterator[str]:
-    """Find shapes that overlap or extend beyond the rim, and loads that do not fit their probes.
+    """Yield error messages on overlaps, shapes beyond the rim, and loads that do not fit a probe.
 
     All tables are valid by themselves.
 
@@ -72,7 +72,7 @@ def find_placement_errors(
 def _find_load_errors(
     radius_mm: float | None, key: str, probe: Probe, scene_load: Load
 ) -> Iterator[str]:
-    """Find incompatible keys in the load of a probe, and a load that does not fit the probe.
+    """Yield error messages on incompatible keys in a load, or on a load that does not fit a probe.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def _find_load_errors(
 
 
 def _find_tip_errors(key: str, probe: Probe, load: Load) -> Iterator[str]:
-    """Find a mismatch of a probe and the kind of its load.
+    """Yield an error message if a probe and the kind of its load do not fit.
 
     A contact load requires a rigid tip, and a rigid tip requires a contact load. An edge radius
     with which the probe cannot be a tip is an error for any load.
@@ -169,7 +169,7 @@ def _are_electrodes_valid(
 def _find_electrode_errors(
     radius_mm: float | None, electrodes: _HashableElectrodes, observable: str
 ) -> Iterator[str]:
-    """Find placement errors of electrodes, and shapes for which the observable is not defined.
+    """Yield error messages on the placement of electrodes and on shapes unfit for the observable.
 
     The parameters are those of `_are_electrodes_valid`.
     """
@@ -186,10 +186,7 @@ def _find_electrode_errors(
 
 
 def _find_layout_errors(radius_mm: float | None, layout: Layout) -> Iterator[str]:
-    """Find out whether electrodes of a layout extend beyond the rim, and whether any two overlap.
-
-    There is at most one error of each sort.
-    """
+    """Yield an error message if electrodes extend beyond the rim, and one if any two overlap."""
     key = "electrodes.ring_radius_mm"
     value = layout.ring_radius_mm
     electrodes = layout.electrodes
@@ -209,7 +206,7 @@ def _find_layout_errors(radius_mm: float | None, layout: Layout) -> Iterator[str
 def _find_list_errors(
     radius_mm: float | None, electrodes: Mapping[str, Electrode]
 ) -> Iterator[str]:
-    """Find listed electrodes that extend beyond the rim, share a name or overlap."""
+    """Yield error messages on electrodes that extend beyond the rim, share a name or overlap."""
     if radius_mm is not None:
         for key, electrode in electrodes.items():
             yield from _find_rim_errors(key, electrode, radius_mm)
@@ -223,7 +220,7 @@ def _find_list_errors(
 
 
 def _find_overlaps(shapes: Mapping[str, PlacedShape]) -> Iterator[str]:
-    """Find pairs of shapes that overlap; the error is reported under ``x_mm`` of the later one."""
+    """Yield an error message, with ``x_mm`` of the later shape, for each pair that overlaps."""
     for (first_key, first), (key, shape) in combinations(shapes.items(), 2):
         if has_overlap(first.outline, shape.outline):
             reason = f"{key} overlaps {first_key}; move one of them or make one smaller"
@@ -231,7 +228,7 @@ def _find_overlaps(shapes: Mapping[str, PlacedShape]) -> Iterator[str]:
 
 
 def _find_rim_errors(key: str, shape: PlacedShape, radius_mm: float) -> Iterator[str]:
-    """Find a shape that extends beyond the rim.
+    """Yield an error message if a shape extends beyond the rim.
 
     Of a sphere whose radius is not larger than the film's, only the lowest point must be inside.
 
@@ -282,7 +279,7 @@ def _describe_excess(reach_mm: float, radius_mm: float) -> str:
 
 
 def _find_edge_errors(observable: str, electrodes: Mapping[str, Electrode]) -> Iterator[str]:
-    """Find electrodes that are not rectangles with edges along x and y.
+    """Yield an error message for each electrode that is no rectangle with edges along x and y.
 
     The observable, which requires such rectangles, is named in the messages.
     """

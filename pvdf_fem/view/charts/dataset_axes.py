@@ -14,15 +14,18 @@ from pvdf_fem.arrays import Array
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
 
-UNIT_SIGNS = {"um": "µm", "degree": "°"}  #: Symbols in figures by the units of datasets.
+UNIT_SIGNS = {
+    "um": "µm",
+    "degree": "°",
+}  #: Symbols of units in figures, by the names of the units in datasets.
 MAX_TICKS = 5  #: Maximum number of ticks for texts and for geometrically spaced values.
 MAX_TEXT = 20  #: Maximum number of characters of a text at a tick.
 
 
 def find_varied_keys(data: Dataset, dimension: str) -> list[DataArray]:
-    """Return the coordinates of the scene keys that vary together along a dimension.
+    """Return the coordinates of a dataset that are scene keys varied along a dimension.
 
-    If the dimension has none, its own coordinate is returned.
+    These have an attribute ``key``. If there are none, the dimension's own coordinate is returned.
     """
     coordinates = [values for values in data.coords.values() if values.dims == (dimension,)]
     keys = [values for values in coordinates if "key" in values.attrs]
@@ -30,7 +33,7 @@ def find_varied_keys(data: Dataset, dimension: str) -> list[DataArray]:
 
 
 def format_keys(keys: list[DataArray]) -> str:
-    """Return the names of keys with their units, joined by commas."""
+    """Return a label with the names of scene keys and their units, joined by commas."""
     names = []
     for key in keys:
         name = str(key.attrs.get("long_name", key.name))
@@ -40,9 +43,10 @@ def format_keys(keys: list[DataArray]) -> str:
 
 
 def format_values(key: DataArray) -> list[str]:
-    """Format the values of a key: numbers with four digits, or the beginnings of texts.
+    """Format the values of a scene key: numbers with four digits, others as short texts.
 
-    The braces and quotation marks of JSON tables are removed.
+    These are the first `MAX_TEXT` characters, without braces and quotation marks, which would come
+    from tables in JSON.
     """
     if key.dtype.kind == "f":
         return [f"{value:.4g}" for value in key.values]
@@ -50,37 +54,50 @@ def format_values(key: DataArray) -> list[str]:
 
 
 def format_rows(keys: list[DataArray]) -> list[str]:
-    """Format each row of values of keys that vary together, joined by commas."""
+    """Return a text for each position along a dimension: the values of all keys there.
+
+    Parameters
+    ----------
+    keys : list of DataArray
+        The n values of each scene key that is varied along the dimension.
+
+    Returns
+    -------
+    list of str, length n
+        The values at each position, joined by commas.
+    """
     columns = [format_values(key) for key in keys]
     return [", ".join(row) for row in zip(*columns, strict=True)]
 
 
 def scale_axis(axis: XAxis | YAxis, keys: list[DataArray]) -> Array:
-    """Set the scale and the ticks of an axis for the values of keys that vary together.
+    """Set the scale and the ticks of an axis, and return where values of scene keys are drawn.
 
-    Numbers of a single key are drawn at their values, on a logarithmic scale if they are spaced
-    geometrically. Texts, and values of several keys, are drawn at equal distances.
+    Numbers of a single key are drawn at their values: on a logarithmic scale if they are positive
+    with a constant ratio, and with ticks at integers only if all are integers. Texts, and the
+    values of several keys, are drawn at equal distances. At most `MAX_TICKS` of them have a tick.
 
     Parameters
     ----------
     axis : XAxis or YAxis
         The axis to change.
     keys : list of DataArray
-        The n values of each key.
+        The n values of each scene key that is varied along the axis.
 
     Returns
     -------
     ndarray, shape (n,)
-        Coordinates of the values on the axis.
+        Coordinates on the axis: the values themselves, or 0, 1, 2 and so on.
     """
     values = keys[0].values
-    thinned = slice(None, None, -(-values.size // MAX_TICKS))
+    step = -(-values.size // MAX_TICKS)  # rounded up
+    thinned = slice(None, None, step)
     if len(keys) > 1 or values.dtype.kind != "f":
-        places = np.arange(float(values.size))
-        axis.set_ticks(places[thinned], format_rows(keys)[thinned])
+        positions = np.arange(float(values.size))
+        axis.set_ticks(positions[thinned], format_rows(keys)[thinned])
         if axis.axis_name == "x":
             axis.set_tick_params(labelrotation=90)
-        return places
+        return positions
     if _is_geometric(values):
         axis.axes.set(**{f"{axis.axis_name}scale": "log"})
         axis.set_ticks(values[thinned], [f"{value:.3g}" for value in values[thinned]])
@@ -91,7 +108,7 @@ def scale_axis(axis: XAxis | YAxis, keys: list[DataArray]) -> Array:
 
 
 def _is_geometric(values: Array) -> bool:
-    """Return whether values are three or more positive numbers with a constant ratio."""
+    """Return whether there are at least three values, all positive and with a constant ratio."""
     if values.size < 3 or values.min() <= 0.0:
         return False
     steps = np.diff(np.log(values))

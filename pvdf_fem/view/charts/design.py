@@ -23,17 +23,18 @@ if TYPE_CHECKING:
 
 
 def draw_designs(data: Dataset, chosen: Dataset) -> Figure:
-    """Draw the position deviations of designs, and the map of one of them.
+    """Draw how well designs determine the position of a touch, and the map of one design.
 
-    The median deviation of the position is drawn against the longest dimension, with a curve for
-    each value of the second longest. Further dimensions are fixed at the chosen design.
+    The median standard deviation of the position is drawn against the longest dimension, with a
+    curve for each value of the second longest. Further dimensions are fixed at the chosen design.
+    With a single design there is only the map.
 
     Parameters
     ----------
     data : Dataset
         The designs, as `design` returns them.
     chosen : Dataset
-        The design whose map is drawn.
+        The design in `data` whose map is drawn.
 
     Returns
     -------
@@ -41,7 +42,7 @@ def draw_designs(data: Dataset, chosen: Dataset) -> Figure:
     """
     sizes = data.place_deviation_median_mm.sizes
     varied = [dimension for dimension in sizes if sizes[dimension] > 1]
-    varied.sort(key=lambda dimension: -sizes[dimension])
+    varied.sort(key=lambda dimension: -sizes[dimension])  # the longest dimension first
     drawn = varied[:2]
     others = {name: chosen[name].item() for name in sizes if name not in drawn}
     medians = data.sel(others).place_deviation_median_mm
@@ -55,7 +56,17 @@ def draw_designs(data: Dataset, chosen: Dataset) -> Figure:
 
 
 def _draw_deviations(ax: Axes, medians: DataArray, dimensions: list[str]) -> None:
-    """Draw deviations in mm along the first dimension, a curve for each value of the second."""
+    """Draw standard deviations in mm against the first dimension.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes to draw on, whose labels and scales are set.
+    medians : DataArray
+        Median standard deviations of the position in mm, with one or two dimensions.
+    dimensions : list of str
+        Its dimensions: the horizontal axis, and optionally one with a curve for each value.
+    """
     along = medians[dimensions[0]]
     x = scale_axis(ax.xaxis, [along])
     if len(dimensions) == 1:
@@ -72,16 +83,16 @@ def _draw_deviations(ax: Axes, medians: DataArray, dimensions: list[str]) -> Non
 
 
 def draw_design_map(ax: Axes, chosen: Dataset, max_deviation_mm: float | None = None) -> None:
-    """Draw the map of one design: the deviation of the position, and dots where it is ambiguous.
+    """Draw the standard deviation of the position as a map, with dots at ambiguous positions.
 
     Parameters
     ----------
     ax : Axes
-        Axes in mm.
+        Axes in mm to draw on, whose title and limits are set.
     chosen : Dataset
-        The design.
+        One design from the result of `design`.
     max_deviation_mm : float, optional
-        Deviation in mm at the upper end of the colour bar. Default: twice the median.
+        Standard deviation in mm at the upper end of the colour bar. Default: twice the median.
     """
     median_mm = float(chosen.place_deviation_median_mm)
     if max_deviation_mm is None:
@@ -107,7 +118,7 @@ def draw_design_map(ax: Axes, chosen: Dataset, max_deviation_mm: float | None = 
 
 
 def _format_key_value(key: DataArray) -> str:
-    """Format the single value of a key with its unit, or with its name if it has no unit."""
+    """Format the single value of a scene key with its unit, or after its name without a unit."""
     [value] = format_values(key.expand_dims("one"))
     unit = key.attrs.get("units")
     return f"{value} {UNIT_SIGNS.get(unit, unit)}" if unit else f"{key.name} {value}"

@@ -23,15 +23,16 @@ from pvdf_fem.view.figures import (
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
 
-MAX_CURVES = 5  #: Maximum number of values of a dimension that are drawn as separate curves.
+MAX_CURVES = 5  #: A dimension with more values than this is not drawn as separate curves.
 
 
 def draw_sweep(data: Dataset) -> Figure:
-    """Draw the charges of a sweep.
+    """Draw the charges of a sweep as curves, or as maps.
 
-    With one dimension, each electrode is a curve. With two dimensions, each electrode has a panel
-    with a curve for each value of the shorter dimension, or with a map if this dimension has more
-    than `MAX_CURVES` values. Scenes without charges are marked with their status.
+    Dimensions with a single value are ignored. With one dimension, each electrode is a curve. With
+    two dimensions, each electrode has a panel with a curve for each value of the shorter dimension,
+    or with a map if this dimension has more than `MAX_CURVES` values. Scenes without charges are
+    marked with their status.
 
     Parameters
     ----------
@@ -70,7 +71,10 @@ def draw_sweep(data: Dataset) -> Figure:
 
 
 def _sort_along(data: Dataset, dimension: str) -> Dataset:
-    """Return a copy of the sweep sorted along a dimension with numbers; others are unchanged."""
+    """Sort a sweep along a dimension by its key if this is a single key with numbers.
+
+    Otherwise the sweep is returned unchanged.
+    """
     keys = find_varied_keys(data, dimension)
     if len(keys) > 1 or keys[0].dtype.kind != "f":
         return data
@@ -78,7 +82,7 @@ def _sort_along(data: Dataset, dimension: str) -> Dataset:
 
 
 def _draw_curves(data: Dataset, along: str) -> Figure:
-    """Draw the charges of each electrode as a curve along a dimension."""
+    """Draw a curve for each electrode: the charges with their errors, along a dimension."""
     keys = find_varied_keys(data, along)
     figure = make_figure(130.0, 95.0)
     ax = figure.subplots()
@@ -103,9 +107,9 @@ def _draw_families(data: Dataset, family: str, along: str) -> Figure:
     data : Dataset
         A sweep of two dimensions.
     family : str
-        Dimension with a curve for each value.
+        Dimension that has a curve for each value.
     along : str
-        Dimension along the curves.
+        Dimension along the horizontal axis.
     """
     family_keys = find_varied_keys(data, family)
     along_keys = find_varied_keys(data, along)
@@ -134,7 +138,7 @@ def _draw_families(data: Dataset, family: str, along: str) -> Figure:
 
 
 def _draw_maps(data: Dataset, down: str, across: str) -> Figure:
-    """Draw a map for each electrode, each with its own colour scale.
+    """Draw a map of the charges for each electrode, each with its own colour scale.
 
     Parameters
     ----------
@@ -177,12 +181,13 @@ def _find_cell_edges(values: Array) -> Array:
     Parameters
     ----------
     values : ndarray, shape (n,)
-        Increasing values.
+        Increasing values at which the cells are drawn.
 
     Returns
     -------
     ndarray, shape (n + 1,)
-        The first value, the midpoints between neighbouring values, and the last value.
+        The first value, the midpoints between neighbouring values, and the last value: the outer
+        cells extend to one side of their value only.
     """
     middles = 0.5 * (values[1:] + values[:-1])
     return np.concatenate([values[:1], middles, values[-1:]])
@@ -196,18 +201,18 @@ def _mark_failures(
     Parameters
     ----------
     ax : Axes
-        Axes in which the scenes are drawn.
+        Axes to draw on.
     x, y : ndarray
-        Coordinates of all scenes.
+        Coordinates of all scenes, those with charges included.
     status : DataArray or ndarray of str
-        Statuses of all scenes, in the shape of x and y.
+        Status of each scene, in the shape of x and y. It is "converged" if there are charges.
     **look
-        Additional properties of the marks.
+        Additional properties of the marks, as in `Axes.plot`.
 
     Returns
     -------
     list of Line2D
-        The marks, for a legend.
+        The marks of each status, for a legend; an empty list if all scenes have charges.
     """
     look |= {"color": "black", "markerfacecolor": "none", "linestyle": "none"}
     failures = sorted(set(np.ravel(status)) - {"converged"})
@@ -220,7 +225,7 @@ def _mark_failures(
 
 
 def _mark_failures_below(ax: Axes, x: Array, status: Array) -> list[Line2D]:
-    """Mark scenes without charges at the lower edge of axes, and return the marks."""
+    """Mark scenes without charges at the lower edge of axes; see `_mark_failures`."""
     heights = np.full(x.size, 0.02)
     transform = ax.get_xaxis_transform()
     return _mark_failures(ax, x, heights, status, transform=transform, clip_on=False)

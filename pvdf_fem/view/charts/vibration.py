@@ -31,19 +31,19 @@ MAX_PHASE_RANGE_DEG = 225.0  #: Maximum range of phases with a tick at every mul
 def draw_frequency_response(
     frequencies: Array, charges: Mapping[str, Any], resonances: Array, scene: Scene
 ) -> Figure:
-    """Draw the charges due to an oscillating force against frequency.
+    """Draw the amplitudes of the charges due to an oscillating force against its frequency.
 
-    Resonances are marked above the amplitudes. If the film's material or the emitted sound damps
-    the film, the unwrapped phases are drawn below, and the title describes the damping.
+    Resonances are marked at the top. If the loss tangent of the film or the emitted sound damps the
+    vibration, the unwrapped phases are drawn below. The title describes the damping.
 
     Parameters
     ----------
     frequencies : ndarray, shape (n,)
         Frequencies in Hz.
     charges : mapping of str to ndarray of complex, shape (n,)
-        Complex amplitudes of the charges divided by that of the force in pC/N, by electrode.
+        Complex amplitude of the charge of each electrode, divided by that of the force, in pC/N.
     resonances : ndarray, shape (m,)
-        Frequencies in Hz of the modes that the force excites.
+        Increasing frequencies in Hz of the modes that the force excites.
     scene : Scene
         The scene, whose loss tangent and air define the damping.
 
@@ -81,9 +81,15 @@ def draw_frequency_response(
 
 
 def _mark_resonances(ax: Axes, resonances: Array) -> None:
-    """Mark resonances in Hz at the top of axes, and label them if there is room.
+    """Mark resonances at the top of axes, and write the frequencies for which there is room.
 
-    The axes are cut so that they begin at most a decade below the first resonance.
+    Parameters
+    ----------
+    ax : Axes
+        Axes with frequencies in Hz. They are cut to begin at most a decade below the first
+        resonance.
+    resonances : ndarray, shape (m,)
+        Increasing frequencies in Hz. Without any, nothing is changed.
     """
     if not resonances.size:
         return
@@ -95,9 +101,9 @@ def _mark_resonances(ax: Axes, resonances: Array) -> None:
     last_named = -np.inf
     for frequency in resonances:
         pixels = ax.transData.transform((frequency, 1.0))
-        place, _ = ax.transAxes.inverted().transform(pixels)
-        if place > last_named + RESONANCE_ROOM:
-            last_named = place
+        position, _ = ax.transAxes.inverted().transform(pixels)  # as a fraction of the width
+        if position > last_named + RESONANCE_ROOM:
+            last_named = position
             ax.annotate(
                 f"{frequency:.3g} Hz",
                 (frequency, 0.98),
@@ -113,25 +119,29 @@ def _mark_resonances(ax: Axes, resonances: Array) -> None:
 
 
 def _scale_to_phases(ax: Axes, phases: Array) -> None:
-    """Fit the vertical axis to phases in degrees, with ticks at multiples of `PHASE_STEP_DEG`."""
+    """Fit the vertical axis to phases in degrees, and set its ticks.
+
+    Ticks are at multiples of `PHASE_STEP_DEG`, or for a range above `MAX_PHASE_RANGE_DEG` at
+    multiples of twice, four times, ... this angle.
+    """
     low = PHASE_STEP_DEG * np.floor(phases.min() / PHASE_STEP_DEG)
     high = PHASE_STEP_DEG * np.ceil(phases.max() / PHASE_STEP_DEG)
     ax.set(ylabel="phase against the force (°)", ylim=(low - 9.0, high + 9.0))
-    halvings = np.ceil(np.log2(max((high - low) / MAX_PHASE_RANGE_DEG, 1.0)))
-    ax.yaxis.set_major_locator(MultipleLocator(PHASE_STEP_DEG * 2.0**halvings))
+    doublings = np.ceil(np.log2(max((high - low) / MAX_PHASE_RANGE_DEG, 1.0)))
+    ax.yaxis.set_major_locator(MultipleLocator(PHASE_STEP_DEG * 2.0**doublings))
 
 
 def draw_mode_shapes(
     shapes: Sequence[tuple[str, Array]], basis: Basis, radius_mm: float, title: str
 ) -> Figure:
-    """Draw the normalized deflections of modes.
+    """Draw a map of the deflection of each mode, divided by its largest deflection.
 
     Parameters
     ----------
     shapes : sequence of tuple of str and ndarray, shape (dofs,)
-        Titles of the modes, and their deflections with a largest magnitude of 1.
+        Title and nodal deflections of each mode. The largest magnitude of the deflections is 1.
     basis : Basis
-        The finite-element basis of the deflections.
+        The scalar finite-element basis of the deflections, on a mesh in m.
     radius_mm : float
         Radius of the film in mm.
     title : str
