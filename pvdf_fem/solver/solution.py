@@ -179,7 +179,7 @@ class Solution(ElectrodeCharges):
         x_mm, y_mm : float or array_like
             Coordinates in mm, which are broadcast against each other.
         outside : str, optional
-            ``"refuse"`` raises an exception for points that are not on the film; ``"nan"`` returns
+            ``"refuse"`` raises a ValueError for points that are not on the film; ``"nan"`` returns
             NaN there.
 
         Returns
@@ -337,7 +337,8 @@ class Solution(ElectrodeCharges):
         quantity : str, optional
             Field that colours the film, one of the fields of `plot`.
         scale : float, optional
-            Factor on the displacements. By default the largest is drawn as a quarter of the radius.
+            Factor on the displacements. By default the largest deflection is drawn as a quarter of
+            the film's radius.
         html : path, optional
             File to which the view is also written as a page for any browser, without a server.
 
@@ -350,6 +351,10 @@ class Solution(ElectrodeCharges):
         ------
         ImportError
             If rendering is not possible; the text says what to install.
+        FileError
+            If the page cannot be written.
+        ValueError
+            If the quantity is not a field, is unknown, or if this scene does not have it.
         """
         from pvdf_fem.view.film_view import make_film_view
 

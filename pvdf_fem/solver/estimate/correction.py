@@ -96,7 +96,8 @@ def correct_in_richer_space(
     rich : Equilibrium
         The equations of the same problem and mesh in a space that contains that of `coarse`.
     budget : Budget
-        Limits the iterations of a solve of the richer equations. The work is not added to it.
+        Limits the iterations if the richer equations of a film that wrinkles are solved. The work
+        is not added to it.
     options : CorrectionOptions, optional
         Accuracy of the correction.
 

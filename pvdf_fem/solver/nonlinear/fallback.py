@@ -55,7 +55,7 @@ class EquilibriumTask:
 
     @property
     def affordable_iterations(self) -> int:
-        """Number of Newton iterations that the budget allows."""
+        """Number of Newton iterations that the budget allows; only `LoadContinuation` uses it."""
         return self.budget.count_affordable_iterations(self.equilibrium)
 
     @property
@@ -196,8 +196,8 @@ def find_equilibrium(
     tolerance : float, optional
         Relative size of Newton's last step in the energy norm.
     budget : Budget, optional
-        Limits the number of iterations; by default that of the scene's numerics. The work is not
-        added to it.
+        Limits the iterations of `LoadContinuation`, for films that wrinkle; by default the budget
+        of the scene's numerics. The work is not added to it.
 
     Returns
     -------
