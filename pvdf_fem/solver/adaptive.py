@@ -395,5 +395,5 @@ def _explain_status(level: MeshLevel, status: Status, *, stop: Stop, change: flo
         reachable = ROUNDING_MARGIN * level.bound
         return f"{status.advice}, to at least {reachable:.1e}, which can be reached ({stop.value})"
     if status is Status.CONVERGED and change is not None and change > tolerance:
-        return f"{status.advice}, but for {change:.1e} of a charge that wrinkles would change"
+        return f"{status.advice}, but wrinkles would change a charge by up to {change:.1e} of it"
     return status.advice
