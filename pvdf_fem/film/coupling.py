@@ -127,7 +127,7 @@ class Coupling(Term):
     Parameters
     ----------
     electrode : FloatingElectrode
-        The electrode, with its capacitances.
+        Electrode whose charge acts on the film through its voltage.
     space : Space
         The finite-element space on a mesh that follows the electrode's outline.
     """

@@ -206,7 +206,7 @@ class Membrane(Laminate, Term):
         stiffness : ndarray, shape (3, 3) or (elements, points, 3, 3)
             Tangent stiffness dS/dE in Pa.
         chunk : slice
-            The elements of the chunk.
+            Range of element numbers.
 
         Returns
         -------
@@ -239,7 +239,7 @@ class Membrane(Laminate, Term):
         i, j : int
             Displacement components.
         chunk : slice
-            The elements of the chunk.
+            Range of element numbers.
 
         Returns
         -------

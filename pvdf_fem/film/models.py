@@ -176,7 +176,7 @@ class FilmModel:
         expansion : sparse matrix, shape (dofs, unknowns)
             Matrix that maps unknowns to dofs.
         state : State
-            The solution.
+            Converged state of the film, whose error is estimated.
 
         Returns
         -------

@@ -27,7 +27,7 @@ def estimate_tension(film: Film, force: float, r: float) -> float:
     Parameters
     ----------
     film : Film
-        The film.
+        Film with its thickness, stiffness and prestress.
     force : float
         Point load in N.
     r : float
@@ -48,7 +48,7 @@ def estimate_tension_cube(film: Film, force: float, r: float, schwerin: float = 
     Parameters
     ----------
     film : Film
-        The film.
+        Film with its thickness, stiffness and prestress.
     force : float
         Point load in N.
     r : float
@@ -73,7 +73,7 @@ def estimate_load_fraction(film: Film, force: float, r: float) -> float:
     Parameters
     ----------
     film : Film
-        The film.
+        Film with its thickness, stiffness and prestress.
     force : float
         Point load in N.
     r : float
@@ -116,7 +116,7 @@ def estimate_point_deflection(
     Parameters
     ----------
     film : Film
-        The film.
+        Film with its thickness, stiffness and prestress.
     force : float
         Point load in N.
     distance : float, optional

@@ -340,7 +340,7 @@ def transfer_dofs(space: Space, x: Array, target: Space) -> Array:
     Parameters
     ----------
     space : Space
-        The space of the displacement.
+        Space in which `x` is given.
     x : ndarray, shape (dofs,)
         Dofs of the displacement in m.
     target : Space

@@ -1,8 +1,8 @@
-"""Whether a solution is accepted as a result, and where it is beyond the limits of the model.
+"""Acceptance of a converged solution as a result, and warnings beyond the limits of the model.
 
-A solution is rejected when the forces do not balance, or when its tangent is not that of a minimum
-of the energy. It is accepted with a warning where the film would wrinkle, yield or slope beyond the
-limits of the model.
+A solution is rejected if the forces do not balance, if a tip touches the rim, if the equilibrium
+is unstable, or if wrinkles would change a charge much. It is accepted with a warning if the film
+would wrinkle or yield, or if strains or slopes exceed the limits of the model.
 """
 
 from __future__ import annotations
@@ -24,35 +24,41 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.discrete_solution import DiscreteSolution
 from pvdf_fem.solver.mesh_level import MeshLevel
 from pvdf_fem.solver.nonlinear.factors import factorise, has_negative_determinant
-from pvdf_fem.solver.nonlinear.stability import is_balanced, is_compressed, is_stable
+from pvdf_fem.solver.nonlinear.stability import is_balanced, is_compressed, may_be_stable
 from pvdf_fem.solver.nonlinear.status import Status
 
 #: Strength of biaxially stretched PVDF film in Pa: data sheets give 160 to 220 MPa along either
 #: direction.
 STRENGTH = 180e6
-#: Slope up to which the load is modelled well. The film's law is exact at any slope. But at this
-#: slope a pressure along z and one normal to the film differ by 1 - cos = 11 %, and the face of the
-#: probe no longer covers its projection.
+#: Maximum slope at which the load is modelled well. The film's law is exact at any slope, but here
+#: a pressure along z and one normal to the film differ by 1 - cos = 11 %, and the contact area of
+#: the probe differs from its projection.
 SLOPE_LIMIT = 0.5
-#: Reach of a contact over the film's radius beyond which a tip meets the clamped rim.
+#: A tip touches the clamped rim if its contact extends beyond this fraction of the film's radius.
 RIM_REACH = 0.99
-#: Relative change of a charge by wrinkles above which a membrane in compression is rejected.
-MOST_CHANGE = 0.1
+#: Maximum relative change of a charge by wrinkles at which a membrane in compression is accepted.
+MAX_WRINKLING_CHANGE = 0.1
 
 
 def find_rejection_status(
     discrete: DiscreteSolution, factors: SuperLU | None, change: float | None
 ) -> Status | None:
-    """Return the status of a solution that is no stable equilibrium; None for an accepted one.
+    """Return the status that rejects a converged solution, or None if it is accepted.
 
     Parameters
     ----------
     discrete : DiscreteSolution
-        The solution.
+        The converged solution.
     factors : SuperLU or None
-        Factors of the last tangent; None for the flat film, which is always accepted.
+        Factors of a tangent near the solution; None for the flat film, which is always accepted.
     change : float or None
-        Relative change of a charge by wrinkles in a membrane in compression.
+        Largest relative change of a charge if the film could wrinkle; None if this was not
+        estimated.
+
+    Returns
+    -------
+    Status or None
+        `Status.UNBALANCED`, `Status.RIM`, `Status.UNSTABLE` or None.
     """
     if factors is None:
         return None
@@ -66,40 +72,40 @@ def find_rejection_status(
         return Status.RIM
     if not equilibrium.conservative and has_negative_determinant(factors):
         return Status.UNSTABLE
-    # without compression the minimum is the energy's only stationary point
-    if is_compressed(state) and not is_stable(equilibrium, factors):
+    # without compression the energy is at a minimum
+    if is_compressed(state) and not may_be_stable(equilibrium, factors):
         return Status.UNSTABLE
-    if change is not None and change > MOST_CHANGE:
+    if change is not None and change > MAX_WRINKLING_CHANGE:
         return Status.UNSTABLE
     return None
 
 
 def is_tip_at_rim(discrete: DiscreteSolution) -> bool:
-    """Return whether the contact of a tip extends to the clamped rim."""
+    """Return whether the contact of any tip extends to the clamped rim; False without tips."""
     solved = discrete.solved
-    reaches = [tip.compute_contact_radius(discrete.solved_state) for tip in select_tips(solved)]
-    return max(reaches, default=0.0) > RIM_REACH * solved.film.radius
+    radii = [tip.compute_contact_radius(discrete.solved_state) for tip in select_tips(solved)]
+    return max(radii, default=0.0) > RIM_REACH * solved.film.radius
 
 
 def estimate_wrinkling_changes(level: MeshLevel) -> Array | None:
-    """Estimate what wrinkles would change in the stress integrals of a membrane.
+    """Estimate how wrinkles would change the stress integrals of a membrane in compression.
 
-    A membrane in compression is a saddle point of its energy: on a fine enough mesh it folds,
-    however small the compressed part is, and the signs of its tangent depend on the mesh. The
-    change by a tension field therefore decides whether the solution is a result. It comes from a
-    single Newton step in the tension field's equations from the membrane's solution; on 12 scenes
-    this step made 0.4 to 0.9 of the full change.
+    A membrane in compression is at a saddle point of its energy: on a fine enough mesh it folds,
+    and the signs of the pivots of its tangent depend on the mesh. The solution is therefore judged
+    by the change to a tension field (a film that wrinkles). It is estimated by a single Newton step
+    in the equations of the tension field; on 12 scenes this gave 0.4 to 0.9 of the full change.
 
     Parameters
     ----------
     level : MeshLevel
-        The solve on the last mesh.
+        The solve on the last mesh, converged or not.
 
     Returns
     -------
     ndarray, shape (outputs, 2), or None
-        Stress integrals of the wrinkling film less those of the membrane in N. None for a film
-        without compression, a film that may carry it, and a law without a tension field.
+        Stress integrals of the tension field minus those of the membrane, in N. None if the solve
+        did not converge, if no stress is compressive, if the film model is a plate or a tension
+        field, or if the law of the film is nonlinear, for which there is no tension field.
     """
     solved = level.equilibrium
     discrete = level.discrete
@@ -108,7 +114,7 @@ def estimate_wrinkling_changes(level: MeshLevel) -> Array | None:
         return None
     if not level.result.converged or not is_compressed(discrete.solved_state):
         return None
-    # a scene in a sweep may have no electrodes; `Scene.with_` refuses such a scene
+    # `Scene.with_` would validate the scene, but in a sweep it may have no electrodes
     choices = {"bending": False, "compression": "tension-field"}
     film = solved.film.model_copy(update=choices)
     scene = solved.scene.model_copy(update={"film": film})
@@ -125,21 +131,23 @@ def estimate_wrinkling_changes(level: MeshLevel) -> Array | None:
 
 
 def list_warnings(equilibrium: Equilibrium, state: State, change: float | None) -> list[str]:
-    """Return warnings where a solution is beyond the limits of the model, with values and places.
+    """List warnings if a solution is beyond the limits of the model.
 
     Parameters
     ----------
     equilibrium : Equilibrium
-        The solved equations.
+        The equations that were solved.
     state : State
-        Their solution.
+        Solution of `equilibrium`.
     change : float or None
-        Relative change of a charge by wrinkles in a membrane in compression.
+        Largest relative change of a charge if the film could wrinkle, which warnings of compression
+        mention; None if it was not estimated.
 
     Returns
     -------
     list of str
-        Warnings of compression or wrinkles, strength, strain and slope.
+        Warnings of compression or wrinkles, with areas, and of stress, strain and slope, with
+        maximum values and their positions. Empty if there are none.
     """
     smallest_stress, largest_stress = compute_principal_values(state.stress)
     effect = ""
@@ -152,37 +160,40 @@ def list_warnings(equilibrium: Equilibrium, state: State, change: float | None) 
     if stress > STRENGTH:
         warnings.append(
             f"strength: principal stress up to {1e-6 * stress:.4g} MPa"
-            f" at {_format_place(equilibrium, largest_stress)},"
+            f" at {_format_position(equilibrium, largest_stress)},"
             f" above the film's {1e-6 * STRENGTH:.4g} MPa"
         )
-    tensor_strain = state.strain * [1.0, 1.0, 0.5]
+    tensor_strain = state.strain * [1.0, 1.0, 0.5]  # from Voigt notation
     _, largest_strain = compute_principal_values(tensor_strain)
     law = equilibrium.membrane.law
     strain = largest_strain.max()
     if strain > law.strain_limit:
         warnings.append(
-            f"strain: up to {strain:.3g} at {_format_place(equilibrium, largest_strain)},"
+            f"strain: up to {strain:.3g} at {_format_position(equilibrium, largest_strain)},"
             f" where the film {law.beyond_limit} (above {law.strain_limit:g})"
         )
     slopes = np.hypot(state.deformation_gradient[..., 2, 0], state.deformation_gradient[..., 2, 1])
     slope = slopes.max()
     if slope > SLOPE_LIMIT:
         warnings.append(
-            f"slope: up to {slope:.3g} at {_format_place(equilibrium, slopes)};"
+            f"slope: up to {slope:.3g} at {_format_position(equilibrium, slopes)};"
             f" above {SLOPE_LIMIT:g} it matters how the probe's pressure follows the film"
         )
     return warnings
 
 
 def warn_of_cancelled_charges(scene: Scene, integrals: StressIntegrals) -> list[str]:
-    """Return warnings of charges whose errors exceed the tolerance since their parts cancel.
+    """List warnings of charges whose parts d31 X and d32 Y cancel, so that errors are large.
+
+    A warning is given if a charge is less than the fraction `CANCELLATION_FRACTION` of
+    |d31 X| + |d32 Y|, and if its error exceeds the tolerance relative to the charge.
 
     Parameters
     ----------
     scene : Scene
-        The scene.
+        The scene with the electrodes, d31, d32 and the tolerance.
     integrals : StressIntegrals
-        Stress integrals of its electrodes.
+        Stress integrals X and Y of the electrodes, with errors, in the order of the scene.
     """
     coefficients = np.array([scene.film.d31, scene.film.d32])
     parts = coefficients * integrals.values
@@ -203,15 +214,21 @@ def warn_of_cancelled_charges(scene: Scene, integrals: StressIntegrals) -> list[
 
 
 def _format_area(equilibrium: Equilibrium, is_inside: Mask) -> str:
-    """Format the area of quadrature points (elements, points), and its share of the film."""
-    weights = equilibrium.space.weights * len(equilibrium.sector.signs)
+    """Format the area around marked quadrature points, and its fraction of the film.
+
+    `is_inside` is True at the marked points, shape (elements, points).
+    """
+    weights = equilibrium.space.weights * len(equilibrium.sector.signs)  # all reflections
     area = float((weights * is_inside).sum())
     return f"{1e6 * area:.3g} mm2 ({area / weights.sum():.2%} of the film)"
 
 
-def _format_place(equilibrium: Equilibrium, values: Array) -> str:
-    """Format the place where values at quadrature points (elements, points) are largest."""
+def _format_position(equilibrium: Equilibrium, values: Array) -> str:
+    """Format the position in mm of the largest value, in the scene's axes.
+
+    `values` are given at the quadrature points, shape (elements, points).
+    """
     element, point = np.unravel_index(values.argmax(), values.shape)
-    places = np.asarray(equilibrium.space.basis.global_coordinates())
-    x, y = 1e3 * equilibrium.sector.frame.T @ places[:, element, point]
+    points = np.asarray(equilibrium.space.basis.global_coordinates())
+    x, y = 1e3 * equilibrium.sector.frame.T @ points[:, element, point]
     return f"({x:.4g}, {y:.4g}) mm"

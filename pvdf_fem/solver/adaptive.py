@@ -1,8 +1,8 @@
 """Solve a problem: mesh, solve, estimate, and refine until every charge is within the tolerance.
 
-The first mesh has sizes that the tolerance sets a priori (`choose_first_sizes`). While an estimated
-charge error exceeds the tolerance, the next mesh follows the error indicators of the one before. Of
-a symmetric problem only a sector is meshed; the whole film is put together when it is asked for.
+Sizes of the first mesh are chosen a priori (`choose_first_sizes`). While an estimated charge error
+exceeds the tolerance, the mesh is refined by the error indicators of the last solve. If a problem
+is symmetric, only a sector is meshed; the fields of the whole film are made on demand.
 """
 
 from __future__ import annotations
@@ -60,26 +60,26 @@ logger = logging.getLogger(__name__)
 
 #: Relative charge error above which a barely loaded film is called slack.
 UNKNOWN_CHARGE = 0.1
-#: A tolerance that can be reached is named this much larger than the bound, which is rounded to
-#: two digits.
+#: Factor by which the tolerance that a message recommends exceeds the error bound, so that rounding
+#: to two digits does not make it smaller than the bound.
 ROUNDING_MARGIN = 1.05
 
 
 class UnloadedFilmError(SceneError):
-    """The unloaded film has no charges; the line names the key and the reason."""
+    """The unloaded film has no equilibrium; the text names a key of the film and the reason."""
 
     @classmethod
     def from_status(cls, scene: Scene, status: str, reason: str) -> UnloadedFilmError:
-        """Make the error of a scene from the way in which the solve of its unloaded film ended.
+        """Make the error from the status of the solve of the unloaded film.
 
         Parameters
         ----------
         scene : Scene
-            The scene.
+            Scene of the unloaded film, one of whose film keys the text names.
         status : str
-            The status of the unloaded film.
+            Status of the solve.
         reason : str
-            The reason for it.
+            Explanation of the status; replaced by other advice for `Status.UNSTABLE`.
         """
         film = scene.film
         keys = ["gravity_m_s2", "pretension_N_m", "temperature_change_K"]
@@ -101,23 +101,26 @@ def solve_problem(
     order: int = ORDER,
     budget: Budget | None = None,
 ) -> Solution:
-    """Solve a problem, and its unloaded film where that needs a solve.
+    """Solve a problem and, if it converges, compute the charges of its unloaded film.
 
     Parameters
     ----------
     problem : Problem
-        The problem, whose outputs are the scene's electrodes.
+        A problem whose outputs are the electrodes of the scene.
     mesh : MeshTri2, optional
-        Solve on this mesh, whatever the error.
+        A mesh of the whole film in m, which is not refined, so that errors may exceed the
+        tolerance.
     order : int, optional
         Polynomial order of the displacement.
     budget : Budget, optional
-        What both solves together may cost, by default what the scene's numerics allow.
+        Limits for both solves together, to which their work is added; by default those of the
+        scene's numerics.
 
     Returns
     -------
     Solution
-        Its status says whether there is a result.
+        The status says whether the loaded film has a result. If the unloaded film has none, there
+        is a warning, and ``unloaded_integrals`` are None.
     """
     start = time.perf_counter()
     if budget is None:
@@ -137,24 +140,26 @@ def solve_problem(
 
 
 def solve_unloaded(problem: Problem, *, budget: Budget | None = None) -> StressIntegrals:
-    """Compute the stress integrals of a problem's unloaded film, by a solve where one is needed.
+    """Compute the stress integrals of the unloaded film, in closed form if its stress is uniform.
+
+    Otherwise the problem of the unloaded film is solved.
 
     Parameters
     ----------
     problem : Problem
-        The problem.
+        The problem of the loaded film.
     budget : Budget, optional
-        What the solve may cost, by default what the scene's numerics allow.
+        Limits of the solve, to which its work is added; by default those of the scene's numerics.
 
     Returns
     -------
     StressIntegrals
-        In N, with errors, by output.
+        Stress integrals of the outputs of the unloaded problem in N, with errors.
 
     Raises
     ------
     UnloadedFilmError
-        If the unloaded film has no equilibrium.
+        If the solve of the unloaded film does not converge.
     """
     integrals = compute_uniform_integrals(problem)
     if integrals is not None:
@@ -168,19 +173,19 @@ def solve_unloaded(problem: Problem, *, budget: Budget | None = None) -> StressI
 
 
 def compute_unloaded_integrals(problem: Problem, *, required: bool = True) -> StressIntegrals:
-    """Compute the stress integrals of the unloaded film, or NaN where they may be missing.
+    """Compute the stress integrals of the unloaded film, or NaN if it has no result.
 
     Parameters
     ----------
     problem : Problem
-        The problem.
+        The problem of the loaded film.
     required : bool, optional
-        Whether a film without unloaded equilibrium is an error.
+        Raise an exception instead of returning NaN.
 
     Raises
     ------
     UnloadedFilmError
-        If the unloaded film has no equilibrium, and its charges are required.
+        If `required` and the solve of the unloaded film does not converge.
     """
     try:
         return solve_unloaded(problem)
@@ -191,7 +196,7 @@ def compute_unloaded_integrals(problem: Problem, *, required: bool = True) -> St
 
 
 def compute_unloaded_charges(problem: Problem) -> Array:
-    """Compute the charges of the unloaded film in C, (outputs,); see `solve_unloaded`."""
+    """Compute the charges of the unloaded film in C, shape (outputs,); see `solve_unloaded`."""
     return solve_unloaded(problem).charges(piezo_coefficients(problem.unloaded_outputs))
 
 
@@ -202,18 +207,24 @@ def solve_outputs(
     order: int = ORDER,
     budget: Budget | None = None,
 ) -> Solution:
-    """Solve for the outputs of a problem alone, without its unloaded film.
+    """Solve a problem for its outputs, but not its unloaded film.
 
     Parameters
     ----------
     problem, mesh, order, budget
-        As in `solve_problem`; the outputs need not be the scene's electrodes, and then the
-        solution's charges by electrode have no meaning.
+        As in `solve_problem`. The outputs need not be the electrodes of the scene; if they are not,
+        the solution's charges by electrode have no meaning.
 
     Returns
     -------
     Solution
-        The charges of all outputs meet the tolerance if it has converged.
+        If it has converged, the charges of all outputs are within the tolerance, unless `mesh` was
+        given.
+
+    Raises
+    ------
+    SceneError
+        If a mesh is given and the scene has tips, whose contacts a mesh has to follow.
     """
     problem.check_profiles()
     if mesh is not None:
@@ -248,7 +259,7 @@ def solve_outputs(
 
 
 def _make_adaptive_loop(run: SolveRun, *, is_mesh_given: bool) -> AdaptiveLoop[MeshLevel]:
-    """Make the loop over the meshes of a solve; a given mesh is of the whole film."""
+    """Make the adaptive loop of a solve, on a sector of the film unless a mesh is given."""
     problem = run.problem
     sector = WHOLE_FILM if is_mesh_given else problem.sector
 
@@ -269,7 +280,7 @@ def _make_adaptive_loop(run: SolveRun, *, is_mesh_given: bool) -> AdaptiveLoop[M
 
 
 def _find_contact_outlines(problem: Problem, level: MeshLevel | None) -> dict[str, Outline]:
-    """Return the outlines of contacts that a mesh follows: estimated, or those of a level."""
+    """Return the outlines of tip contacts by patch name: estimated, or measured on a level."""
     if level is None:
         return estimate_tip_outlines(problem.scene)
     outlines = {}
@@ -280,14 +291,14 @@ def _find_contact_outlines(problem: Problem, level: MeshLevel | None) -> dict[st
 
 @dataclass(frozen=True, eq=False)
 class WrinklingEffect:
-    """Changes that wrinkles would make in a membrane in compression."""
+    """Estimated changes of the results if a membrane in compression could wrinkle."""
 
-    changes: Array  #: Changes of the stress integrals in N, (outputs, 2).
-    relative: float  #: Largest change of a charge, relative to its scale.
+    changes: Array  #: Changes of the stress integrals in N, shape (outputs, 2).
+    relative: float  #: Largest change of a charge divided by its `MeshLevel.charge_scales`.
 
     @classmethod
     def estimate(cls, level: MeshLevel) -> WrinklingEffect | None:
-        """Estimate the effect at a level; None where wrinkles change nothing."""
+        """Estimate the effect at a level; None if `estimate_wrinkling_changes` returns None."""
         changes = estimate_wrinkling_changes(level)
         if changes is None:
             return None
@@ -297,7 +308,10 @@ class WrinklingEffect:
 
 
 def _make_solution(level: MeshLevel, stop: Stop, history: Sequence[MeshRecord]) -> Solution:
-    """Make the solution of the last level, with its status, effects and warnings."""
+    """Make the solution from a level, with status, effects and warnings.
+
+    If wrinkles would change a charge by more than its error, the change replaces the error.
+    """
     problem = level.problem
     discrete = level.discrete
     wrinkling = WrinklingEffect.estimate(level)
@@ -327,10 +341,13 @@ def _make_solution(level: MeshLevel, stop: Stop, history: Sequence[MeshRecord]) 
 
 
 def _charges_by_stress_pC(problem: Problem, integrals: StressIntegrals) -> dict[str, float] | None:
-    """Return the charges by electrode; None if the outputs are not the scene's electrodes."""
+    """Return charges without heat and d33 in pC by electrode, or None if the numbers differ.
+
+    The numbers of outputs and electrodes differ if the outputs are not those of the scene.
+    """
     names = [electrode.name for electrode in problem.scene.electrode_list]
     if len(names) != len(integrals.values):
-        return None  # scenes that are solved together in a sweep share a list of outputs
+        return None  # in a sweep the outputs are those of all scenes that are solved together
     film = problem.scene.film
     charges = integrals.charges((film.d31_pC_N, film.d32_pC_N))
     return dict(zip(names, charges.tolist(), strict=True))
@@ -339,7 +356,19 @@ def _charges_by_stress_pC(problem: Problem, integrals: StressIntegrals) -> dict[
 def _decide_status(
     level: MeshLevel, discrete: DiscreteSolution, *, stop: Stop, change: float | None
 ) -> Status:
-    """Decide how the solve ended; `change` is the relative change of a charge by wrinkles."""
+    """Decide the status from convergence, acceptance and, unless the mesh was given, errors.
+
+    Parameters
+    ----------
+    level : MeshLevel
+        The level of the result.
+    discrete : DiscreteSolution
+        The solution on it.
+    stop : Stop
+        Reason why no further mesh was made.
+    change : float or None
+        Largest relative change of a charge by wrinkles; None if it was not estimated.
+    """
     scene = level.problem.scene
     status = level.result.status
     if status is Status.CONVERGED:
@@ -360,7 +389,7 @@ def _decide_status(
 
 
 def _explain_status(level: MeshLevel, status: Status, *, stop: Stop, change: float | None) -> str:
-    """Return the status in words, with the tolerance that can be reached if it was missed."""
+    """Return the advice of a status, with the reachable tolerance or the effect of wrinkles."""
     tolerance = level.problem.scene.numerics.tolerance
     if status is Status.TOLERANCE:
         reachable = ROUNDING_MARGIN * level.bound

@@ -1,4 +1,4 @@
-"""The adaptive loop: solve on ever better meshes until the errors are small enough."""
+"""The adaptive loop: solve on refined meshes until the error bound is within the tolerance."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 
 
 class Level(Protocol):
-    """A solve on one mesh, as the adaptive loop uses it."""
+    """Interface of a solve on one mesh, as the adaptive loop uses it."""
 
     @property
     def status(self) -> Status:
@@ -33,11 +33,11 @@ class Level(Protocol):
 
     @property
     def worst(self) -> float:
-        """Largest relative error; 0 without a result."""
+        """Largest estimated relative error; 0 without a result."""
 
     @property
     def bound(self) -> float:
-        """Largest likely error, which is compared with the tolerance."""
+        """Cautious bound of the relative error, which is compared with the tolerance."""
 
     @property
     def unknowns(self) -> int:
@@ -45,18 +45,28 @@ class Level(Protocol):
 
     @property
     def iterations(self) -> int:
-        """Newton iterations that led to the result."""
+        """Number of Newton iterations that led to the result."""
 
     @property
     def failed_attempts(self) -> tuple[FailedAttempt, ...]:
-        """Solvers that failed before."""
+        """Solvers that failed on this mesh."""
 
 
 T = TypeVar("T", bound=Level)
 
 
 class TooManyUnknownsError(RuntimeError):
-    """A mesh would have more unknowns than allowed; the text names the key to raise."""
+    """A mesh would need more unknowns or work than allowed; the text names the key to raise.
+
+    Parameters
+    ----------
+    unknowns : float
+        Estimated number of unknowns.
+    allowed : str
+        Clause of the message about the exceeded limit, which begins with its key.
+    stop : Stop
+        The exceeded limit, `Stop.UNKNOWNS` or `Stop.SECONDS`.
+    """
 
     def __init__(self, unknowns: float, allowed: str, stop: Stop) -> None:
         super().__init__(
@@ -68,64 +78,65 @@ class TooManyUnknownsError(RuntimeError):
 
 @dataclass(frozen=True)
 class AdaptiveRules:
-    """How meshes follow each other."""
+    """Rules for the sequence of meshes: target error, growth, and when to stop."""
 
-    #: Sizes aim at this part of the tolerance. Each mesh that was slow lowers the aim by this
-    #: factor once more: at singular corners the error falls slower than sizes are chosen for.
+    #: Sizes are chosen for this fraction of the tolerance. The target is multiplied by it again
+    #: after each slow mesh, as the error decreases more slowly than predicted at singular corners.
     safety: float = 0.5
-    #: A mesh that leaves more than this part of the error is slow.
+    #: A mesh is slow if its error is more than this fraction of the error before.
     slow: float = 0.7
-    #: A mesh has at most this factor more unknowns than the mesh before, since a coarse mesh shows
-    #: singular corners and kinks larger than they are and in the wrong places.
+    #: Maximum ratio of the unknowns of successive meshes. On a coarse mesh, indicators overestimate
+    #: and misplace the errors at singular corners and kinks.
     growth: float = 2.5
-    #: A mesh with at most this part of the last mesh's unknowns would not be better.
-    least: float = 0.7
-    most_meshes: int = 10
-    #: Affordable unknowns grow with this power of the work on a mesh.
+    #: No mesh is made if it may have less than this fraction of the unknowns of the last one.
+    min_growth: float = 0.7
+    max_meshes: int = 10  #: Maximum number of meshes.
+    #: The number of affordable unknowns is proportional to the affordable work to this power.
     work_exponent: float = 0.8
-    #: Newton iterations that a solve on a mesh, with the estimate of its error, takes at least.
-    least_iterations: int = 3
-    #: The estimated number of elements is at most this factor too large.
+    #: Minimum number of Newton iterations of a solve on a mesh, including the error estimate.
+    min_iterations: int = 3
+    #: Before meshing, the number of elements is overestimated by at most this factor.
     overestimate: float = 2.5
 
 
 @dataclass
 class AdaptiveLoop(Generic[T]):
-    """Solves of a problem on a sequence of meshes."""
+    """Solver of a problem on a sequence of meshes, generic in the kind of solve on each mesh."""
 
     problem: Problem
-    #: Element sizes of the first mesh.
+    #: Returns the element sizes of the first mesh.
     first_sizes: Callable[[], GradedSizes | SizeField]
-    #: Solves on a mesh, from the solution on the coarser one if there is.
+    #: Solves on a mesh, given the solve on the mesh before or None.
     solve_on: Callable[[MeshTri2, T | None], T]
-    #: Element sizes for a level, the error aimed at, and the largest number of unknowns.
+    #: Returns the sizes of the next mesh for a level, a target error and a maximum of unknowns.
     next_sizes: Callable[[T, float, float], GradedSizes | SizeField]
-    budget: Budget
-    timer: StageTimer
-    unknowns_per_element: float
-    #: The sector of the film that is meshed.
+    budget: Budget  #: Limits of unknowns and work; `solve_on` adds the work.
+    timer: StageTimer  #: Receives the times of the stages ``mesh`` and ``refine``.
+    unknowns_per_element: float  #: Average number of unknowns per element.
+    #: The symmetry sector that is meshed.
     sector: SymmetrySector = WHOLE_FILM
-    #: Outlines of contacts with tips by patch name, after the level before or None.
+    #: Returns outlines of tip contacts by patch name, given the level before or None.
     find_contacts: Callable[[T | None], Mapping[str, Outline]] = lambda level: {}
     rules: AdaptiveRules = field(default_factory=AdaptiveRules)
-    history: list[MeshRecord] = field(default_factory=list)
+    history: list[MeshRecord] = field(default_factory=list)  #: Records of the solved meshes.
 
     def run(self) -> tuple[T, Stop]:
-        """Solve on ever better meshes until the error bound is within the tolerance.
+        """Solve on refined meshes until the error bound is within the tolerance, or a limit is met.
 
         Returns
         -------
         level : Level
-            The best of the solves, or the first one without a result.
+            If the bound is within the tolerance, or if a solve has no result, the last solve;
+            otherwise the solve with the smallest error.
         stop : Stop
-            Why no further mesh was made.
+            Reason why no further mesh was made.
 
         Raises
         ------
         MeshError
-            When gmsh cannot make the first mesh.
+            If gmsh cannot make the first mesh. Later failures only end the loop.
         TooManyUnknownsError
-            When the first mesh needs more unknowns or work than allowed.
+            If the first mesh needs more unknowns or work than allowed.
         """
         rules = self.rules
         tolerance = self.problem.scene.numerics.tolerance
@@ -133,14 +144,15 @@ class AdaptiveLoop(Generic[T]):
         spent = self.budget.spent_seconds
         level = best = self.solve_level(self.first_sizes(), None)
         while level.bound > tolerance:
-            if len(self.history) == rules.most_meshes:
+            if len(self.history) == rules.max_meshes:
                 return best, Stop.MESHES
-            most, limit = self._find_affordable_unknowns(level, self.budget.spent_seconds - spent)
-            if most < rules.least * level.unknowns:
+            level_seconds = self.budget.spent_seconds - spent
+            max_unknowns, limit = self._find_affordable_unknowns(level, level_seconds)
+            if max_unknowns < rules.min_growth * level.unknowns:
                 return best, limit
             spent = self.budget.spent_seconds
             with self.timer("refine"):
-                sizes = self.next_sizes(level, aim, most)
+                sizes = self.next_sizes(level, aim, max_unknowns)
             try:
                 finer = self.solve_level(sizes, level)
             except MeshError:
@@ -152,7 +164,7 @@ class AdaptiveLoop(Generic[T]):
             is_slow = finer.worst > rules.slow * level.worst
             if is_slow:
                 aim *= rules.safety
-            was_large = level.unknowns > rules.least * self.budget.max_unknowns
+            was_large = level.unknowns > rules.min_growth * self.budget.max_unknowns
             level = finer
             if finer.status is Status.CONVERGED and finer.worst < best.worst:
                 best = finer
@@ -162,37 +174,45 @@ class AdaptiveLoop(Generic[T]):
         return level, Stop.ACCURATE if has_converged else Stop.NO_EQUILIBRIUM
 
     def _find_affordable_unknowns(self, level: T, seconds: float) -> tuple[float, Stop]:
-        """Find how many unknowns the next mesh may have.
+        """Compute how many unknowns the next mesh may have.
 
         Parameters
         ----------
         level : Level
             The last solve.
         seconds : float
-            Work that it took, in s.
+            Work of the last solve, in s.
 
         Returns
         -------
-        most : float
-            Largest number of unknowns.
+        max_unknowns : float
+            The minimum of what the growth, ``budget.max_unknowns`` and the remaining work allow.
         limit : Stop
-            The limit that is reached with it.
+            `Stop.SECONDS` if the remaining work is the limit, otherwise `Stop.UNKNOWNS`.
         """
-        work = self.budget.remaining_seconds / seconds
-        by_work = work**self.rules.work_exponent * level.unknowns
+        work_ratio = self.budget.remaining_seconds / seconds
+        by_work = work_ratio**self.rules.work_exponent * level.unknowns
         by_growth = self.rules.growth * level.unknowns
-        most = min(by_growth, self.budget.max_unknowns, by_work)
-        return most, Stop.SECONDS if most == by_work else Stop.UNKNOWNS
+        max_unknowns = min(by_growth, self.budget.max_unknowns, by_work)
+        return max_unknowns, Stop.SECONDS if max_unknowns == by_work else Stop.UNKNOWNS
 
     def solve_level(self, sizes: GradedSizes | SizeField, coarser: T | None) -> T:
-        """Make a mesh and solve on it.
+        """Make a mesh, solve on it, and append a record to the history.
 
         Parameters
         ----------
         sizes : GradedSizes or SizeField
             Element sizes of the mesh.
         coarser : Level or None
-            The solve on the mesh before.
+            The solve on the mesh before; None for the first mesh.
+
+        Raises
+        ------
+        MeshError
+            If gmsh cannot make the mesh.
+        TooManyUnknownsError
+            If the mesh needs more unknowns or work than allowed. This is estimated before meshing,
+            and checked for the first mesh.
         """
         start = time.perf_counter()
         with self.timer("mesh"):
@@ -211,29 +231,32 @@ class AdaptiveLoop(Generic[T]):
         return self.solve_on_given_mesh(mesh, coarser=coarser, start=start)
 
     def _require_affordable(self, elements: float, overestimate: float = 1.0) -> None:
-        """Refuse a mesh whose number of elements is at most `overestimate` times too large."""
+        """Raise `TooManyUnknownsError` if a mesh certainly exceeds the budget.
+
+        The true number of elements is at least `elements` divided by `overestimate`.
+        """
         budget = self.budget
         unknowns = elements * self.unknowns_per_element
-        least = unknowns / overestimate
-        if budget.bounds_first_mesh and least > budget.max_unknowns:
+        min_unknowns = unknowns / overestimate
+        if budget.bounds_first_mesh and min_unknowns > budget.max_unknowns:
             allowed = f"numerics.max_unknowns allows {budget.max_unknowns}"
             raise TooManyUnknownsError(unknowns, allowed, Stop.UNKNOWNS)
-        iteration = estimate_iteration_seconds(least, self.problem.film)
-        if self.rules.least_iterations * iteration > budget.max_seconds:
+        iteration = estimate_iteration_seconds(min_unknowns, self.problem.film)
+        if self.rules.min_iterations * iteration > budget.max_seconds:
             allowed = f"numerics.max_seconds allows {budget.max_seconds:g} s of work"
             raise TooManyUnknownsError(unknowns, allowed, Stop.SECONDS)
 
     def solve_on_given_mesh(self, mesh: MeshTri2, *, coarser: T | None, start: float) -> T:
-        """Solve on a mesh and add a row to the history.
+        """Solve on a mesh, and append a record to the history.
 
         Parameters
         ----------
         mesh : MeshTri2
-            The mesh.
+            Mesh of the sector in m.
         coarser : Level or None
-            The solve on the mesh before.
+            The solve on the mesh before; None for the first mesh.
         start : float
-            When the work on this level began, by `time.perf_counter`.
+            Value of `time.perf_counter` before meshing, for the recorded time.
         """
         level = self.solve_on(mesh, coarser)
         failed = [(a.solver, str(a.status), a.iterations) for a in level.failed_attempts]

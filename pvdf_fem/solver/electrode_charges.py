@@ -1,4 +1,4 @@
-"""The charges of a scene's electrodes, with their errors, and the signals that follow from them."""
+"""The charges of a scene's electrodes with errors, and the readings and voltages they cause."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.solver.discrete_solution import DiscreteSolution
 from pvdf_fem.summary import Result
 
-#: Properties of a solution with charges or their errors, by electrode.
+#: Names of the properties of `ElectrodeCharges` with charges or errors of charges in pC.
 CHARGE_PROPERTIES = (
     "charges_pC",
     "charge_errors_pC",
@@ -28,14 +28,14 @@ CHARGE_PROPERTIES = (
 
 
 class ElectrodeCharges(Result):
-    """Charges, readings and voltages by electrode of a solution.
+    """Base class of solutions, with charges, readings and voltages by electrode.
 
     Attributes
     ----------
     problem : Problem
         The problem that was solved.
     unloaded_integrals : StressIntegrals or None
-        Stress integrals of the electrodes on the unloaded film; None where it has no result.
+        Stress integrals of the electrodes on the unloaded film; None if it has no result.
     """
 
     problem: Problem
@@ -55,8 +55,8 @@ class ElectrodeCharges(Result):
     def charges_pC(self) -> dict[str, float]:
         """Total charge in pC by electrode.
 
-        It is the charge by the stress of pretension and load and, where the film has coefficients
-        for them, by the heat and the pressure of the probe.
+        The charge is caused by the stress of pretension and load, and, if the film has coefficients
+        for them, also by the heat (pyroelectric) and the pressure of the probe (d33).
         """
         film = self.scene.film
         discrete = self.discrete
@@ -71,54 +71,58 @@ class ElectrodeCharges(Result):
     def charge_errors_pC(self) -> dict[str, float]:
         """Estimated absolute error of each of `charges_pC`, in pC.
 
-        It is the error by the mesh, or the change by wrinkles if that is larger. Wrinkles would
-        occur in a real film where the computed film is in compression.
+        It is the discretisation error of the charge due to stress, or the change that wrinkles
+        would cause if that is larger. Real films wrinkle where a membrane would be compressed.
         """
         return self.charge_errors_by(*self._coefficients_pC_N)
 
     @property
     def rest_charges_pC(self) -> dict[str, float]:
-        """Charge in pC of the unloaded film before it warms, by electrode.
+        """Charge in pC of the unloaded film, before the probe warms it, by electrode.
 
-        NaN where the unloaded film has no result, which a warning reports. The changes are NaN,
-        too.
+        All are NaN if the unloaded film has no result, which a warning reports; then
+        `charge_changes_pC` are NaN, too.
         """
         return self._label_by_electrode(self._unloaded.charges(self._coefficients_pC_N))
 
     @property
     def rest_charge_errors_pC(self) -> dict[str, float]:
-        """Estimated absolute error of each of `rest_charges_pC`; 0 where the film is flat."""
+        """Estimated absolute error in pC of each of `rest_charges_pC`; NaN like these."""
         return self._label_by_electrode(self._unloaded.charge_errors(self._coefficients_pC_N))
 
     @property
     def charge_changes_pC(self) -> dict[str, float]:
-        """Charge in pC that the load adds, by electrode: what a zeroed charge amplifier reads."""
+        """Charge in pC that the load adds, by electrode, as a zeroed charge amplifier measures."""
         unloaded = self.rest_charges_pC
         return {name: charge - unloaded[name] for name, charge in self.charges_pC.items()}
 
     @property
     def charge_change_errors_pC(self) -> dict[str, float]:
-        """Estimated absolute error of each of `charge_changes_pC`: the sum of both errors."""
+        """Estimated absolute error in pC of each of `charge_changes_pC`.
+
+        It is the sum of the errors with and without load.
+        """
         unloaded = self.rest_charge_errors_pC
         return {name: error + unloaded[name] for name, error in self.charge_errors_pC.items()}
 
     @property
     def _unloaded(self) -> StressIntegrals:
-        """Stress integrals of the unloaded film; NaN without a result."""
+        """Stress integrals of the unloaded film; NaN if it has no result."""
         if self.unloaded_integrals is None:
             return StressIntegrals.unknown(len(self.scene.electrode_list))
         return self.unloaded_integrals
 
     @property
     def _coefficients_pC_N(self) -> tuple[float, float]:
-        """The film's d31 and d32."""
+        """The film's d31 and d32 in pC/N."""
         return self.scene.film.d31_pC_N, self.scene.film.d32_pC_N
 
     @property
     def readings_V(self) -> dict[str, float]:
-        """Reading in V of each channel of ``[readout]`` just after a sudden load.
+        """Reading in V of each channel of ``[readout]`` just after a sudden load, by electrode.
 
-        It decays with the channel's time constant, see `pvdf_fem.electrodes.channel.Channel`.
+        It then decays with the channel's time constant, see
+        `pvdf_fem.electrodes.channel.Channel`. `SceneError` is raised without ``[readout]``.
         """
         if self.scene.readout is None:
             raise SceneError(["readout: is required for readings; add [readout]"])
@@ -130,8 +134,8 @@ class ElectrodeCharges(Result):
     def electrode_voltages_V(self) -> dict[str, float]:
         """Voltage in V of each electrode just after a sudden load, before any amplifier.
 
-        It is zero under a charge amplifier, otherwise the change of the charge over the capacitance
-        of electrode and cable, with the sign of the charge.
+        It is zero with a charge amplifier. Otherwise it is the change of the charge divided by the
+        capacitance of electrode and cable.
         """
         capacitances = {channel.name: channel.capacitance for channel in make_channels(self.scene)}
         floating = {electrode.name for electrode in find_floating_electrodes(self.scene)}
@@ -142,7 +146,7 @@ class ElectrodeCharges(Result):
         return voltages
 
     def charges_by(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
-        """Compute the charges by the stress with other coefficients.
+        """Compute the charges for other piezoelectric coefficients, without solving again.
 
         Parameters
         ----------
@@ -152,7 +156,7 @@ class ElectrodeCharges(Result):
         Returns
         -------
         dict
-            Charge in pC by electrode, without those by heat and by d33.
+            Charge in pC by electrode, without the charges caused by heat and by d33.
         """
         coefficients = coerce_array("d31_pC_N, d32_pC_N", [d31_pC_N, d32_pC_N])
         return self._label_by_electrode(self.discrete.stress_integrals.charges(coefficients))
@@ -163,6 +167,6 @@ class ElectrodeCharges(Result):
         return self._label_by_electrode(self.discrete.stress_integrals.charge_errors(coefficients))
 
     def _label_by_electrode(self, values: Array) -> dict[str, float]:
-        """Return values (electrodes,) by the names of the electrodes."""
+        """Return a mapping of electrode names to values, given in the scene's order."""
         names = [electrode.name for electrode in self.scene.electrode_list]
         return ValuesByName(zip(names, values.tolist(), strict=True))

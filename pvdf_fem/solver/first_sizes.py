@@ -1,4 +1,4 @@
-"""Order and element sizes of the first mesh, which the tolerance sets a priori."""
+"""A priori choice of the element sizes of the first mesh from the scene and its tolerance."""
 
 from __future__ import annotations
 
@@ -17,45 +17,46 @@ from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 
-#: Default order of the displacement.
+#: Default polynomial order of the displacement.
 ORDER = 3
-#: Relative error of the worst charge with the sizes of `choose_first_sizes` and a factor of 1, by
-#: order of the displacement.
+#: Largest relative charge error with the sizes of `choose_first_sizes` before they are scaled for
+#: the tolerance, by order of the displacement.
 REACHED_ERRORS = {1: 2e-2, 2: 2e-3, 3: 1e-4}
-#: Limits of the factor by which the tolerance changes sizes.
+#: Limits of the factor by which sizes are scaled for the tolerance.
 SMALLEST_FACTOR = 0.4
 LARGEST_FACTOR = 2.2
-#: Element size at a rigid punch over its half width; tractions are singular along its edge.
+#: Element size at a rigid punch divided by its area per perimeter. It is small because tractions
+#: are singular along the edge.
 RELATIVE_PUNCH_SIZE = 0.5
-#: Least number of elements along the edge of a contact.
+#: Minimum number of elements along the edge of a contact.
 CONTACT_ELEMENTS = 22
-#: Largest number of elements along an outline.
+#: Maximum number of elements along an outline, before sizes are scaled for the tolerance.
 OUTLINE_ELEMENTS = 200
 
 
 def choose_first_sizes(problem: Problem, order: int) -> GradedSizes:
-    """Choose element sizes that meet the tolerance in most scenes.
+    """Choose element sizes of the first mesh, with which most scenes meet the tolerance.
 
     Parameters
     ----------
     problem : Problem
-        The problem.
+        The problem, for the scene with its tolerance and for the film model.
     order : int
         Polynomial order of the displacement.
 
     Returns
     -------
     GradedSizes
-        Sizes in m.
+        Sizes at the outlines and far away from them, in m.
 
     Notes
     -----
-    The size at an outline is proportional to its area over its perimeter, which is half the width
-    of a slender shape. It is at least a two-hundredth of the perimeter, so that a thin needle does
-    not need more elements than that.
+    The size at an outline is proportional to its area divided by its perimeter (half the width of
+    a slender shape), but at least the perimeter divided by `OUTLINE_ELEMENTS`. All sizes are
+    multiplied by a factor for the tolerance; then those at contacts and bending layers are limited.
 
-    A scene without electrodes is meshed for charges anywhere on the film. Electrodes that cut
-    elements have larger errors, so that the mesh is finer at the probe, and farther away.
+    If the scene has no electrodes, charges are computed later for electrodes anywhere on the film.
+    These cut elements, which increases their errors, and so the mesh is finer.
     """
     scene = problem.scene
     has_electrodes = len(scene.electrode_list) > 0
@@ -69,22 +70,25 @@ def choose_first_sizes(problem: Problem, order: int) -> GradedSizes:
         size = relative_sizes[name] * outline.area / outline.perimeter
         patches[name] = max(size, outline.perimeter / OUTLINE_ELEMENTS)
 
-    # the error falls with the power order + 1 of the sizes
+    # the error is proportional to the sizes to the power order + 1
     excess = scene.numerics.tolerance / REACHED_ERRORS[order]
     factor = excess ** (1.0 / (order + 1.0))
     factor = float(np.clip(factor, SMALLEST_FACTOR, LARGEST_FACTOR))
     sizes = GradedSizes(patches, growth, film=largest * scene.film.radius)
     sizes = sizes.scale(problem.film.mesh_policy.size_factor * factor)
 
-    at_contacts = {}
+    contact_sizes = {}
     for name, outline in contacts.items():
-        at_contacts[name] = min(outline.perimeter / CONTACT_ELEMENTS, sizes.patches[name])
-    sizes = replace(sizes, patches=sizes.patches | at_contacts)
+        contact_sizes[name] = min(outline.perimeter / CONTACT_ELEMENTS, sizes.patches[name])
+    sizes = replace(sizes, patches=sizes.patches | contact_sizes)
     return _resolve_bending_layers(scene, sizes) if problem.film.bends else sizes
 
 
 def _choose_relative_sizes(scene: Scene, outlines: Mapping[str, Outline]) -> dict[str, float]:
-    """Choose the element size over area and perimeter of each outline."""
+    """Choose the element size at each outline as a multiple of its area per perimeter.
+
+    Returns the multiples by the name of the outline's patch.
+    """
     relative_element_sizes = OBSERVABLES[scene.numerics.observable].relative_element_sizes
     has_electrodes = len(scene.electrode_list) > 0
     relative_sizes = dict.fromkeys(outlines, relative_element_sizes.electrode)
@@ -96,23 +100,26 @@ def _choose_relative_sizes(scene: Scene, outlines: Mapping[str, Outline]) -> dic
 
 
 def _resolve_bending_layers(
-    scene: Scene, sizes: GradedSizes, *, most_along_rim: int = 80, most_along_probe: int = 250
+    scene: Scene, sizes: GradedSizes, *, max_along_rim: int = 80, max_along_probe: int = 250
 ) -> GradedSizes:
-    """Make sizes smaller where bending layers change charges enough.
+    """Return a copy of sizes, reduced in bending layers that affect the charges significantly.
+
+    Layers are resolved along the rim and along rigid probes. Sizes elsewhere do not change.
 
     Parameters
     ----------
     scene : Scene
-        The scene.
+        The scene, for its estimated bending effects and its tolerance.
     sizes : GradedSizes
-        Sizes without regard to bending.
-    most_along_rim, most_along_probe : int, optional
-        Largest numbers of elements along the rim and along a probe. Where they are too coarse the
-        next mesh is finer. The rim's layer is far from most electrodes.
+        Sizes for a film without bending stiffness.
+    max_along_rim, max_along_probe : int, optional
+        Maximum numbers of elements along the rim and along each probe. Later meshes are finer if
+        the errors require it. The layer at the rim is far from most electrodes.
 
     Returns
     -------
     GradedSizes
+        Sizes in m.
     """
     tolerance = scene.numerics.tolerance
     effect = estimate_bending_effect(scene)
@@ -121,11 +128,11 @@ def _resolve_bending_layers(
     rim_perimeter = 2.0 * np.pi * scene.film.radius
     layer_sizes = {}
     if at_rim < sizes.film:
-        layer_sizes[FILM] = max(at_rim, rim_perimeter / most_along_rim)
+        layer_sizes[FILM] = max(at_rim, rim_perimeter / max_along_rim)
     if at_probe < sizes.film:
         for probe in scene.loaded_probes:
             if PROBE_LOADS[probe.load.kind].is_rigid:
-                smallest = probe.outline.perimeter / most_along_probe
+                smallest = probe.outline.perimeter / max_along_probe
                 layer_sizes[probe.patch] = max(at_probe, smallest)
     for name, size in layer_sizes.items():
         layer_sizes[name] = min(sizes.patches.get(name, np.inf), size)

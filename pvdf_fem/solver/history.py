@@ -1,4 +1,4 @@
-"""The history of a solve: a row for every mesh, why it ended, and where its time went."""
+"""The history of a solve: a record of each mesh, the reason for the last one, and the times."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 
 class Stop(StrEnum):
-    """Why no further mesh was made."""
+    """Reason why no further mesh was made."""
 
     ACCURATE = "every result is within the tolerance"
     GIVEN_MESH = "the mesh was given"
@@ -26,21 +26,20 @@ class Stop(StrEnum):
 
 @dataclass(frozen=True)
 class MeshRecord:
-    """The solve on one mesh."""
+    """Summary of the solve on one mesh."""
 
     elements: int
     unknowns: int
-    iterations: int  #: Newton iterations that led to the result.
-    #: Largest estimated charge error, relative to the magnitude of its contributions; None without
-    #: convergence.
+    iterations: int  #: Number of Newton iterations that led to the result.
+    #: Largest estimated relative error of a charge; None without convergence.
     worst_error: float | None
-    seconds: float  #: Wall-clock time of mesh, solve and estimate in s.
-    status: str
-    #: Solvers that failed before: name, status and number of iterations of each.
+    seconds: float  #: Wall-clock time of meshing, solve and error estimate in s.
+    status: str  #: A value of `Status`.
+    #: Name, status and number of iterations of each solver that failed on this mesh.
     failed_attempts: tuple[tuple[str, str, int], ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """Return the row as plain values for JSON, with the failed attempts under ``tried``."""
+        """Return a dict for JSON, with a list of dicts of the failed attempts under ``tried``."""
         row = {**vars(self)}
         row.pop("failed_attempts")
         row["tried"] = [
@@ -51,7 +50,10 @@ class MeshRecord:
 
 
 class StageTimer:
-    """Wall-clock seconds of the stages of a solve, added up by name."""
+    """Timer that sums up the wall-clock time of named stages.
+
+    Its instances are called in ``with`` statements: ``with timer("solve"): ...``.
+    """
 
     def __init__(self) -> None:
         self._start = time.perf_counter()
@@ -59,7 +61,7 @@ class StageTimer:
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
-        """Add the time that a ``with`` block takes to a stage."""
+        """Add the time of a ``with`` block to a stage, even if the block raises an exception."""
         start = time.perf_counter()
         try:
             yield
@@ -68,5 +70,5 @@ class StageTimer:
             self._stages[stage] = self._stages.get(stage, 0.0) + elapsed
 
     def seconds(self) -> dict[str, float]:
-        """Return the seconds by stage, and as ``total`` those since the timer was made."""
+        """Return seconds by stage, and as ``total`` the seconds since the timer was created."""
         return {**self._stages, "total": time.perf_counter() - self._start}

@@ -1,4 +1,8 @@
-"""A solve on one mesh: equilibrium, charges, their errors, and sizes for the next mesh."""
+"""A solve on one mesh: equilibrium, charges, error estimates, and sizes for the next mesh.
+
+The stress integrals of an output are X = ∫ S11 dA and Y = ∫ S22 dA in N; its charge is
+d31 X + d32 Y (see `pvdf_fem.electrodes.stress_integrals`).
+"""
 
 from __future__ import annotations
 
@@ -46,25 +50,26 @@ from pvdf_fem.solver.nonlinear.wrinkling import is_barely_loaded
 
 #: Unknowns per element, by order of the displacement.
 UNKNOWNS_PER_ELEMENT = {1: 1.5, 2: 6.0, 3: 13.5}
-#: Part of the sum over element shares, without cancellation, that the error of a charge is at
-#: least. Shares at the singular edge of a rigid probe cancel by chance. Measured on 100 solves of
-#: rigid scenes, true errors are 0.02 to 1.5 times the sum, in the median a quarter.
-UNCANCELLED = 0.3
-#: A charge is accepted if this factor times its estimated error is within the tolerance. Measured
-#: on 36 pressures at 1e-3 and at 1e-4, errors beyond 0.4 of the tolerance are up to 1.5 times the
-#: estimate, one in ten beyond 1.4 times. Rigid scenes are covered by `UNCANCELLED`.
+#: With a rigid probe, the error of a charge is at least this fraction of the sum of the elements'
+#: absolute contributions, because contributions along its singular edge cancel by chance. In 100
+#: solves of rigid scenes the true errors are 0.02 to 1.5 times the sum, with a median of 0.25.
+MIN_UNCANCELLED_FRACTION = 0.3
+#: A charge is accepted if this factor times its estimated error is within the tolerance. In 36
+#: scenes with pressures, at tolerances of 1e-3 and 1e-4, true errors above 0.4 of the tolerance are
+#: up to 1.5 times the estimate, and above 1.4 times in one of ten. With a rigid probe
+#: `MIN_UNCANCELLED_FRACTION` takes the place of this factor.
 SAFETY = 1.4
-#: Cost of an estimate without a solve in the richer space, in Newton iterations.
+#: Cost of an error estimate without a solve in the richer space, in Newton iterations.
 ESTIMATE_ITERATIONS = 4
-#: Relative size of Newton's last step at lower orders, less than the error by the mesh there.
+#: Relative size of Newton's last step at lower orders, below the discretisation error there.
 LOWER_ORDER_TOLERANCE = 3e-2
-#: Largest number of charges that the sizes of the next mesh follow.
+#: Maximum number of charges whose error indicators determine the sizes of the next mesh.
 MAX_DUALS = 32
 
 
 @dataclass(frozen=True, eq=False)
 class SolveRun:
-    """Problem, order, budget and timer, which the solves on all meshes share."""
+    """The problem, order, budget and timer that the solves on all meshes have in common."""
 
     problem: Problem
     order: int  #: Polynomial order of the displacement.
@@ -74,17 +79,17 @@ class SolveRun:
 
 @dataclass(frozen=True, eq=False)
 class MeshLevel:
-    """The solve on one mesh."""
+    """The solve on one mesh, with error estimates if it converged."""
 
     run: SolveRun
-    equilibrium: Equilibrium
+    equilibrium: Equilibrium  #: The equations on the meshed sector.
     result: NewtonResult
-    discrete: DiscreteSolution
-    #: The solution in a richer space, if there is a solution.
+    discrete: DiscreteSolution  #: The solution, with stress integrals and their errors.
+    #: The solution corrected in the space of the next order; None without a solution.
     correction: Correction | None = None
-    #: Bending layers that the elements do not resolve.
+    #: Estimator of errors by unresolved bending layers; None without bending or a solution.
     layers: BendingLayers | None = None
-    #: Contributions to the errors of `discrete`: errors of X and Y in N by name, (outputs, 2).
+    #: Inputs of `combine_error_contributions`; empty without a solution.
     error_contributions: Mapping[str, Array] = field(default_factory=dict)
 
     @property
@@ -94,7 +99,7 @@ class MeshLevel:
 
     @property
     def status(self) -> Status:
-        """How Newton's method ended, in either space."""
+        """How Newton's method ended, on this order or else in the richer space."""
         return self.result.status
 
     @property
@@ -104,34 +109,37 @@ class MeshLevel:
 
     @property
     def iterations(self) -> int:
-        """Newton iterations that led to the result."""
+        """Number of Newton iterations that led to the result, without failed attempts."""
         return len(self.result.iterations)
 
     @property
     def failed_attempts(self) -> tuple[FailedAttempt, ...]:
-        """Solvers that failed before."""
+        """Solvers that failed on this mesh."""
         return self.result.failed_attempts
 
     @property
     def worst(self) -> float:
-        """Largest of the `charge_errors`."""
+        """Largest relative charge error; 0 without outputs or without a solution."""
         return float(np.max(self.charge_errors, initial=0.0))
 
     @property
     def bound(self) -> float:
-        """Largest likely error: `worst` times a safety factor."""
+        """The error that is compared with the tolerance: `worst` times `SAFETY`.
+
+        With rigid elements it is `worst` itself, whose estimate is already cautious.
+        """
         is_rigid = len(find_rigid_elements(self.equilibrium.terms)) > 0
         return self.worst * (1.0 if is_rigid else SAFETY)
 
     @property
     def charge_errors(self) -> Array:
-        """Estimated charge errors, relative to `charge_scales`, (outputs,)."""
+        """Estimated charge errors divided by `charge_scales`, shape (outputs,)."""
         coefficients = piezo_coefficients(self.problem.outputs)
         return self.discrete.stress_integrals.charge_errors(coefficients) / self.charge_scales
 
     @cached_property
     def charge_scales(self) -> Array:
-        """Charges in C that relative errors refer to, (outputs,)."""
+        """Charges in C that relative errors refer to, shape (outputs,)."""
         discrete = self.discrete
         return compute_charge_scales(
             self.problem.outputs,
@@ -148,23 +156,25 @@ def solve_on_mesh(
     sector: SymmetrySector = WHOLE_FILM,
     coarser: MeshLevel | None = None,
 ) -> MeshLevel:
-    """Solve on a mesh, and estimate the errors of the charges.
+    """Find the equilibrium on a mesh and, if it converges, estimate the errors of the charges.
 
     Parameters
     ----------
     run : SolveRun
-        Problem, order, budget and timer.
+        Problem and order; the work is added to its budget and the time to its timer.
     mesh : MeshTri2
         Mesh of the sector in m.
     sector : SymmetrySector, optional
-        The sector that is meshed.
+        The symmetry sector that the mesh covers; the whole film by default.
     coarser : MeshLevel, optional
-        The solve on a coarser mesh, which gives the initial guess.
+        The solve on a coarser mesh, for the initial guess; ignored if the film wrinkles or is
+        compressed.
 
     Returns
     -------
     MeshLevel
-        Its status says whether there is a result.
+        The status says whether it converged. If it did not, or if the flat film is the solution,
+        the errors are zero and there is no correction.
     """
     problem = run.problem
     with run.timer("solve"):
@@ -182,15 +192,16 @@ def solve_on_mesh(
 
 
 def _integrate(outputs: Sequence[Output], equilibrium: Equilibrium, q: Array) -> Array:
-    """Compute the stress integrals of outputs at unknowns `q` in N, (outputs, 2)."""
+    """Compute X and Y of outputs in N at the unknowns `q`, shape (outputs, 2)."""
     x = equilibrium.dofs(q)
     return compute_stress_integrals(outputs, equilibrium.membrane, x, sector=equilibrium.sector)
 
 
 def _estimate_errors(level: MeshLevel) -> MeshLevel:
-    """Estimate the errors of a converged level by a solve in the order above.
+    """Return a copy of a converged level with error estimates from the next order.
 
-    Returns the level with its errors, or with the status of a failed solve in the richer space.
+    If the equations of the next order had to be solved and the solve failed, the copy has the
+    status of that solve, and no errors. The work is added to the budget in either case.
     """
     budget = level.run.budget
     equilibrium = level.equilibrium
@@ -224,7 +235,7 @@ def _estimate_errors(level: MeshLevel) -> MeshLevel:
 def _compute_error_contributions(
     level: MeshLevel, correction: Correction, factors: SuperLU
 ) -> dict[str, Array]:
-    """Compute the errors of the stress integrals by their sources, in N, (outputs, 2) each."""
+    """Compute the errors of X and Y by source, as `combine_error_contributions` takes them."""
     outputs = level.problem.outputs
     equilibrium = level.equilibrium
     values = level.discrete.stress_integrals.values
@@ -238,9 +249,9 @@ def _compute_error_contributions(
         unresolved = _integrate(outputs, equilibrium, changed) - values
         contributions["bending_layers"] = np.abs(unresolved)
     if len(find_rigid_elements(equilibrium.terms)):
-        _, shares = compute_error_indicators(correction, factors, outputs)
-        least_errors = UNCANCELLED * shares.sum(axis=0)
-        contributions["edge_singularity"] = distribute_charge_errors(least_errors, values, outputs)
+        _, by_element = compute_error_indicators(correction, factors, outputs)
+        min_errors = MIN_UNCANCELLED_FRACTION * by_element.sum(axis=0)
+        contributions["edge_singularity"] = distribute_charge_errors(min_errors, values, outputs)
     defects = measure_area_defects(outputs, equilibrium.space, sector=equilibrium.sector)
     contributions["area_defect"] = defects[:, None] * values
     return contributions
@@ -249,34 +260,41 @@ def _compute_error_contributions(
 def combine_error_contributions(
     contributions: Mapping[str, Array], outputs: Sequence[Output]
 ) -> Array:
-    """Combine the contributions to the errors of stress integrals.
+    """Combine the error estimates of the stress integrals X and Y from several sources.
+
+    The charge of an output is d31 X + d32 Y, with X = ∫ S11 dA and Y = ∫ S22 dA over its area.
 
     Parameters
     ----------
     contributions : mapping of str to ndarray, shape (outputs, 2)
-        Errors of X and Y in N: ``order_enrichment`` by elements of the order above;
-        ``bending_layers`` that the elements do not resolve; ``edge_singularity``, a lower bound at
-        the edge of a rigid probe; ``area_defect`` by the area that curved elements lack.
+        Estimated errors of X and Y in N, by source. Two are required: ``order_enrichment``, the
+        signed change in elements of the next order, and ``area_defect``, the error due to the
+        wrong area of elements along curved outlines, whose sign is unknown. Two are optional:
+        ``bending_layers``, magnitudes due to unresolved bending layers, and ``edge_singularity``,
+        errors that make the minimum charge error near the edge of a rigid probe.
     outputs : sequence of Output
-        The electrodes.
+        The outputs, for their d31 and d32.
 
     Returns
     -------
     ndarray, shape (outputs, 2)
-        Errors of X and Y in N, with signs.
+        Signed errors of X and Y in N. The bending layers and the area defect are added so that
+        they do not cancel the other errors.
     """
     errors = contributions["order_enrichment"]
     if "bending_layers" in contributions:
-        # the order above sees a part of the layers only: both errors may have one sign
-        by_layers = contributions["bending_layers"]
-        errors = errors + np.where(errors < 0.0, -by_layers, by_layers)
+        # The next order resolves only a part of the layers, so that the rest may have the same
+        # sign: add it away from zero.
+        layer_errors = contributions["bending_layers"]
+        errors = errors + np.where(errors < 0.0, -layer_errors, layer_errors)
     if "edge_singularity" in contributions:
         errors = select_larger_errors(errors, contributions["edge_singularity"], outputs)
-    # both orders share the elements, and the elements' missing area in a round electrode
+    # The next order uses the same elements and so does not show the defect of their area: add this
+    # error with the sign that makes the error of the charge larger.
     defects = contributions["area_defect"]
     charge_errors = combine_charges(outputs, errors)
-    lost_charges = combine_charges(outputs, defects)
-    signs = np.where(charge_errors * lost_charges < 0.0, -1.0, 1.0)
+    defect_charges = combine_charges(outputs, defects)
+    signs = np.where(charge_errors * defect_charges < 0.0, -1.0, 1.0)
     return errors + signs[:, None] * defects
 
 
@@ -286,25 +304,25 @@ def compute_error_indicators(
     outputs: Sequence[Output],
     scales: Array | float = 1.0,
 ) -> tuple[Array, Array]:
-    """Compute dual solutions and the shares of the elements in the errors of charges.
+    """Compute the dual-weighted contribution of each element to the errors of charges.
 
     Parameters
     ----------
     correction : Correction
-        The solution in the richer space.
+        The coarse solution and its correction in the space of the next order.
     factors : SuperLU
-        Factors of the coarse tangent.
+        Factors of the tangent of the coarse equations.
     outputs : sequence of Output
-        The charges.
-    scales : ndarray, shape (outputs,), or float
-        Charges in C that the errors are divided by.
+        The outputs whose charges are considered.
+    scales : ndarray, shape (outputs,), or float, optional
+        Charges in C by which the contributions are divided; by default they are in C.
 
     Returns
     -------
     duals : ndarray, shape (unknowns, outputs)
-        Dual solutions in the coarse space.
-    shares : ndarray, shape (elements, outputs)
-        Absolute contributions of the elements.
+        Dual (adjoint) solutions of the charges in the coarse space, divided by `scales`.
+    by_element : ndarray, shape (elements, outputs)
+        Absolute contributions of the elements, divided by `scales`.
     """
     rich = correction.rich
     x = rich.dofs(correction.start)
@@ -316,19 +334,24 @@ def compute_error_indicators(
 def _find_equilibrium_on_mesh(
     run: SolveRun, equilibrium: Equilibrium, coarser: MeshLevel | None
 ) -> NewtonResult:
-    """Find the equilibrium, from the coarser mesh's solution or from solutions of lower orders.
+    """Find the equilibrium, with an initial guess from a coarser mesh or from lower orders.
 
     Parameters
     ----------
     run : SolveRun
-        The budget.
+        The budget, to which the work at lower orders is added.
     equilibrium : Equilibrium
         The equations on the mesh.
     coarser : MeshLevel or None
-        The solve on a coarser mesh.
+        The solve on a coarser mesh; ignored if the film wrinkles or its prestress is compressive.
+
+    Returns
+    -------
+    NewtonResult
+        If a lower order is already unstable, the flat film with `Status.UNSTABLE`.
     """
-    # Newton's method rarely converges from a coarser mesh's compressive stress. In a film that
-    # wrinkles it takes longer from there than from a lower order on the same mesh.
+    # From a coarser mesh Newton's method rarely converges if there is compressive stress, and if
+    # the film wrinkles it takes longer than from a lower order on the same mesh.
     has_compression = equilibrium.film.prestress[:2].min() < 0.0
     if coarser is not None and not (has_compression or equilibrium.model.wrinkles):
         x = transfer_dofs(
@@ -343,23 +366,26 @@ def _find_equilibrium_on_mesh(
 
 
 def _solve_lower_orders(equilibrium: Equilibrium, budget: Budget) -> Array | Status | None:
-    """Solve at the order below for an initial guess, which costs less than it saves.
+    """Solve on all lower orders of the same mesh for an initial guess.
+
+    These solves are cheap, have soft tips (see ``term.relaxed``), and add their work to the budget.
 
     Returns
     -------
     ndarray, shape (unknowns,)
-        The initial guess.
+        Unknowns near the solution.
     None
-        Where a guess would not help or was not found.
+        If this is the lowest order, if the guess would be far from the solution, or if the order
+        below did not converge.
     Status
-        Where the order below is unstable in a bending film: this order's displacements contain
-        those, and are unstable, too.
+        `Status.UNSTABLE` if a bending film is unstable at a lower order. It is then unstable here
+        too, because this space contains the displacements of the lower order.
     """
     order = equilibrium.space.order
     if order == equilibrium.model.kinematics.lowest_order:
         return None
     if equilibrium.model.wrinkles and is_barely_loaded(equilibrium.scene):
-        return None  # the solution of another order is far away
+        return None  # solutions of different orders are far from each other
     lower = equilibrium.at_order(order - 1).map_terms(lambda term: term.relaxed())
     initial_guess = _solve_lower_orders(lower, budget)
     if isinstance(initial_guess, Status):
@@ -374,21 +400,27 @@ def _solve_lower_orders(equilibrium: Equilibrium, budget: Budget) -> Array | Sta
     return equilibrium.complete_initial_guess(equilibrium.dofs(q))
 
 
-def choose_next_sizes(level: MeshLevel, tolerance: float, most_unknowns: float) -> SizeField:
-    """Choose the element sizes of the next mesh from the errors on this one.
+def choose_next_sizes(level: MeshLevel, tolerance: float, max_unknowns: float) -> SizeField:
+    """Choose the element sizes of the next mesh from the error indicators of a solve.
 
     Parameters
     ----------
     level : MeshLevel
-        A converged solve.
+        A converged solve with a correction.
     tolerance : float
-        The worst relative charge error that the sizes aim at.
-    most_unknowns : float
-        Largest number of unknowns; it makes the sizes larger where necessary.
+        Requested largest relative charge error.
+    max_unknowns : float
+        Maximum number of unknowns of the next mesh; sizes are scaled up to meet it.
 
     Returns
     -------
     SizeField
+        Element sizes in m.
+
+    Raises
+    ------
+    ValueError
+        If the level has no correction, since it did not converge or the film is flat.
     """
     correction = level.correction
     factors = level.result.factors
@@ -399,15 +431,15 @@ def choose_next_sizes(level: MeshLevel, tolerance: float, most_unknowns: float) 
     duals, by_output = compute_error_indicators(
         correction, factors, outputs, scales=level.charge_scales[worst]
     )
-    shares = by_output.max(axis=1)
+    indicators = by_output.max(axis=1)
     reduction = tolerance / level.worst
-    largest: Array | float = np.inf
+    max_sizes: Array | float = np.inf
     if level.layers is not None:
         layers = level.layers
         effects = layers.compute_effects(duals).max(axis=1)
         total = float((effects * estimate_missing_fraction(layers.widths)).sum())
-        largest = layers.choose_sizes(effects, max(reduction * total, tolerance))
+        max_sizes = layers.choose_sizes(effects, max(reduction * total, tolerance))
     mesh = level.equilibrium.space.mesh
     rigid = find_rigid_elements(level.equilibrium.terms)
-    sizes = compute_refined_sizes(mesh, shares, reduction, largest, rigid)
-    return sizes.coarsen(most_unknowns / UNKNOWNS_PER_ELEMENT[level.run.order])
+    sizes = compute_refined_sizes(mesh, indicators, reduction, max_sizes, rigid)
+    return sizes.coarsen(max_unknowns / UNKNOWNS_PER_ELEMENT[level.run.order])

@@ -34,42 +34,44 @@ def solve(
     pressure: Pressure | None = None,
     uncertain: Mapping[str, float | str] | None = None,
 ) -> Solution:
-    """Solve a scene for its charges, and for those of the unloaded film.
+    """Compute the charges and fields of a scene, and the charges of its unloaded film.
 
     Parameters
     ----------
-    scene : Scene, path of its file, dict of its tables, or a result of it
-        What is solved.
+    scene : Scene, path, dict or result
+        The scene, the path of its file, a dict of its tables, or a result that has a scene.
     mesh : MeshTri2 or path, optional
-        Solve on this mesh of the whole film, whatever the error, instead of meshing for
-        ``scene.numerics.tolerance``. It is made by `mesh_scene`, or in a file that `read_mesh`
-        reads.
+        Mesh of the whole film from `mesh_scene`, or a file for `read_mesh`. It is used as it is, so
+        that errors may exceed ``numerics.tolerance``. By default meshes are refined until the
+        errors are within the tolerance.
     order : int, optional
-        Polynomial order of the displacement, 1, 2 or 3.
+        Polynomial order of the displacement: 1, 2 or 3.
     budget : Budget, optional
-        What the solve may cost, by default what the scene's numerics allow. Where the unloaded film
-        needs a solve, it is made within the same budget.
+        Limits of unknowns and work, by default those of ``numerics``. If the unloaded film needs a
+        solve, its work counts, too. The work is added to the budget.
     pressure : callable, optional
-        ``p(x_mm, y_mm)`` for arrays (n,) in the probe's own axes, in place of ``load.profile``: one
-        value for each point, or one for all. It is scaled to the scene's force. It is not part of
-        the scene: `Solution.pressure` keeps it, and `gradients` of the solution are under it.
+        Pressure ``p(x_mm, y_mm)`` that replaces ``load.profile``. It takes arrays of shape (n,) in
+        the probe's own axes, and returns n values or a single one, which are scaled to the force of
+        the scene. It is not stored in the scene but in `Solution.pressure`, and used by
+        `gradients`.
     uncertain : mapping, optional
-        Standard deviations as for `uncertainty`, ``{"film.thickness_um": "5 %"}``, in place of the
-        scene's `uncertain`. With them the solution has the standard deviations of its charges,
-        `Solution.uncertainty`.
+        Standard deviations by key, such as ``{"film.thickness_um": "5 %"}``, which replace
+        `uncertain` of the scene; see `uncertainty`. If there are any, `Solution.uncertainty` has
+        the standard deviations of the charges.
 
     Returns
     -------
     Solution
-        Its `status` says whether there is a result; `print` shows how the solve went.
+        Check its `status`: a solve that fails does not raise an exception.
 
     Raises
     ------
     MeshFileError, FileError
-        For a mesh of another scene; for a file that cannot be read. Both are ValueErrors.
+        If the mesh does not fit the scene, or if a file cannot be read. Both are ValueErrors.
     SceneError
-        For a pressure that cannot be used or has no single dead load, and for an uncertain key that
-        charges have no derivative by; it is a ValueError, too.
+        If the scene is not valid, if the pressure cannot be used or the scene has no single dead
+        load for it, or if charges have no derivative with respect to an uncertain key. It is a
+        ValueError.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The summary of a solution: charges, contacts, readings, meshes and notes."""
+"""The printed summary of a solution: charges, contacts, readings, meshes and notes."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
 
 def summarize_solution(result: dict[str, Any], uncertainty: Result | None = None) -> Summary:
-    """Summarize a solution from its JSON form.
+    """Make the printed summary of a solution from its JSON form.
 
     Parameters
     ----------
     result : dict
         The solution as `Solution.to_json` returns it.
     uncertainty : Result, optional
-        Its uncertainty, whose tables and notes are appended.
+        Standard deviations of the charges, whose tables and notes are appended.
 
     Returns
     -------
@@ -34,7 +34,7 @@ def summarize_solution(result: dict[str, Any], uncertainty: Result | None = None
 
 
 def _make_tables(result: dict[str, Any]) -> list[TextTable]:
-    """Return the tables of the results that the solution has."""
+    """Return tables of charges, contacts, readings and meshes, each only if there are any."""
     tables = []
     if result.get("charges_pC"):
         tables.append(_make_charge_table(result))
@@ -51,16 +51,16 @@ def _make_tables(result: dict[str, Any]) -> list[TextTable]:
 
 
 def _make_charge_table(result: dict[str, Any]) -> TextTable:
-    """Return the charges by electrode, with those of the unloaded film if there are any."""
+    """Return the table of charges, with columns for the unloaded film if all these are known."""
     heading = [f"charges ({result['observable']})", "total, pC", "± pC"]
-    if result["rest_charges_pC"]:  # a film without a stable unloaded state has none
+    if result["rest_charges_pC"]:  # None if the unloaded film has no result
         heading += ["unloaded, pC", "± pC", "change by load, pC", "± pC"]
     rows = [(name, *_format_charge(result, name)) for name in result["charges_pC"]]
     return TextTable(tuple(heading), tuple(rows))
 
 
 def _format_charge(result: dict[str, Any], name: str) -> list[str]:
-    """Format an electrode's charges to the same decimal place, each followed by its error."""
+    """Format the charges of an electrode to as many decimals as the total, each with its error."""
     total, error = format_with_error(result["charges_pC"][name], result["charge_errors_pC"][name])
     cells = [total, error]
     if result["rest_charges_pC"]:
@@ -73,7 +73,7 @@ def _format_charge(result: dict[str, Any], name: str) -> list[str]:
 
 
 def _make_readings_table(result: dict[str, Any]) -> TextTable:
-    """Return the amplifiers' readings by channel, with the time constants of their decay."""
+    """Return the table of readings in V by channel, with the time constants of their decay."""
     readings = result["readings_V"]
     decays = []
     for time_constant in result["time_constants_s"].values():
@@ -88,7 +88,7 @@ def _make_readings_table(result: dict[str, Any]) -> TextTable:
 
 
 def _make_mesh_table(history: list[dict[str, Any]]) -> TextTable:
-    """Return the meshes in the order of their solves."""
+    """Return the table of meshes, one row for each, in the order of the solves."""
     columns: dict[str, list[Any]] = {"mesh": list(range(1, len(history) + 1))}
     for key in ("elements", "unknowns", "iterations"):
         columns[key] = [mesh[key] for mesh in history]
@@ -100,7 +100,7 @@ def _make_mesh_table(history: list[dict[str, Any]]) -> TextTable:
 
 
 def _make_notes(result: dict[str, Any]) -> list[str]:
-    """Return the failed solvers, the deflection, and included and neglected effects."""
+    """Return notes of failed solvers, the deflection, and included and neglected effects."""
     notes = []
     for number, mesh in enumerate(result["history"], start=1):
         for solver in mesh["tried"]:

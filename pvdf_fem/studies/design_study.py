@@ -57,7 +57,8 @@ class DesignStudy:
         Raises
         ------
         SceneError
-            If keys or values are wrong; the exception lists the errors.
+            If keys or values are wrong, or a scene cannot have a response; the exception lists the
+            errors.
         """
         errors = []
         for key in vary:
@@ -188,11 +189,11 @@ def _drop_readout_values(
     dropped : sequence of str
         Readout keys whose values are replaced; empty if nothing is replaced.
     """
-    tables_of_keys = set()
+    varied_sections = set()  # such as `electrodes` for the key `electrodes.count`
     for table in tables:
-        tables_of_keys |= {parse_key(key)[0] for key in table}
+        varied_sections |= {parse_key(key)[0] for key in table}
     readout = scene.readout
-    if readout is None or "electrodes" not in tables_of_keys:
+    if readout is None or "electrodes" not in varied_sections:
         return scene, ()
     defaults = {}
     for name, field in type(readout).model_fields.items():

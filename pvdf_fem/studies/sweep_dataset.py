@@ -208,7 +208,7 @@ def make_coordinates(grid: SceneGrid) -> dict[str, Any]:
 
 
 def _get_last_part(key: str) -> str:
-    """Return the last part of a dotted key."""
+    """Return the part of a dotted key after the last dot."""
     return key.rpartition(".")[-1]
 
 

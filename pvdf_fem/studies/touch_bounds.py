@@ -104,7 +104,7 @@ def compute_bounds(
     Parameters
     ----------
     response : Response
-        Response of the design. Its error bound is ignored.
+        Response of the design with a single probe. Its error bound is ignored.
     positions_mm : ndarray, shape (n, 2)
         Positions of the probe.
     sigma : float

@@ -89,7 +89,7 @@ class Response(Result):
         return Summary(self.status, [about], notes=lines)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the values that `pvdf-fem model --json` prints, except the name of the file."""
+        """Return what ``pvdf-fem model --json`` prints, except the name of the file."""
         return {
             "electrodes": list(self.names),
             "reach_mm": self.domain.reach_mm,

@@ -49,7 +49,7 @@ class Domain:
         return math.log(lowest), math.log(highest)
 
     def covers(self, other: Domain) -> bool:
-        """Return whether this domain contains another domain."""
+        """Return whether this domain contains all positions and forces of another domain."""
         lowest, highest = self.force_N
         other_lowest, other_highest = other.force_N
         has_forces = lowest <= other_lowest and other_highest <= highest

@@ -146,7 +146,7 @@ def test_accepts_no_charge_whose_likely_error_exceeds_the_tolerance(monkeypatch,
     sizes = adaptive.choose_first_sizes(Problem.from_scene(RECTANGLE), 2)
     monkeypatch.setattr(adaptive, "choose_first_sizes", lambda problem, order: sizes)
     monkeypatch.setattr(
-        adaptive, "AdaptiveLoop", partial(AdaptiveLoop, rules=AdaptiveRules(most_meshes=1))
+        adaptive, "AdaptiveLoop", partial(AdaptiveLoop, rules=AdaptiveRules(max_meshes=1))
     )
     likely = SAFETY * worst(solve(RECTANGLE.with_(**{"numerics.tolerance": 0.1}), order=2))
     solution = solve(RECTANGLE.with_(**{"numerics.tolerance": likely / excess}), order=2)

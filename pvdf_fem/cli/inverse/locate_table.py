@@ -194,7 +194,7 @@ def _list_mistakes(remark: str) -> list[str]:
 
 
 def _count_lines(source: Path | None) -> int:
-    """Return the number of lines of a file, or 0 for standard input."""
+    """Count the lines of a file; 0 for standard input, whose length is unknown."""
     if source is None:
         return 0
     with source.open("rb") as file:
@@ -235,7 +235,7 @@ def _print_summary(counts: Counter[str], mistakes: Counter[str]) -> int:
     print(f"{counts.total()} rows: {by_status or 'none'}", file=sys.stderr)
     fitting = sum(counts[status] for status in EXPLAINED_STATUSES)
     is_mistaken = False
-    for mistake, count in mistakes.most_common(1):
+    for mistake, count in mistakes.most_common(1):  # none or one
         is_mistaken = count > fitting
         if is_mistaken:
             print(f"only {fitting} rows fit as they are, {count} are {mistake}", file=sys.stderr)

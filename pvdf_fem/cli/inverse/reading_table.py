@@ -107,7 +107,7 @@ def read_rows(
 
 
 def _check_columns(columns: Sequence[str], electrodes: Sequence[str], name: str) -> None:
-    """Raise `InputError` if no column is an electrode; print a warning if some are missing."""
+    """Raise `InputError` if no electrode has a column; print a warning if only some have one."""
     missing = [electrode for electrode in electrodes if electrode not in columns]
     if len(missing) == len(electrodes):
         shown = ", ".join(columns)
@@ -238,7 +238,7 @@ def _parse_csv(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
 
 
 def _split_cells(line: str, header: str) -> list[str]:
-    """Return the cells of a line of CSV; empty if a quotation mark is missing."""
+    """Split a line of CSV into cells; no cells if the line is invalid, as by a missing quote."""
     try:
         return next(read_csv_rows([line], header), [])
     except csv.Error:

@@ -59,9 +59,9 @@ class Laminate:
     Parameters
     ----------
     space : Space
-        The finite-element space.
+        Space whose mesh has the patches of the layers as subdomains.
     film : Film
-        The film with its layers.
+        Film with its prestrain, and the layers on its patches.
     law : Law, optional
         Law of the film; by default that of ``film.law``.
     added : UnevenStrain, optional

@@ -47,7 +47,7 @@ def locate_contact_edge(
     tip : RigidTip
         The tip, which touches the film.
     state : State
-        The state of the film.
+        State of the film at which the tip touches it.
     degree : int
         Degree of the polynomial that is fitted to the film beside the contact.
     begin, end : float
@@ -103,7 +103,7 @@ def measure_contact_outlines(tip: RigidTip, state: State) -> dict[str, Outline]:
     tip : RigidTip
         The tip, which touches the film.
     state : State
-        The state of the film.
+        State of the film at which the tip touches it.
 
     Returns
     -------
@@ -137,11 +137,11 @@ def _find_last_touching(tip: RigidTip, state: State, rays: _Rays, width: float) 
     Parameters
     ----------
     tip : RigidTip
-        The tip.
+        The tip, whose mesh and overlap are evaluated.
     state : State
-        The state of the film.
+        State of the film at which the tip touches it.
     rays : _Rays
-        The rays.
+        Rays that start on the outline of the tip's core.
     width : float
         Estimate of the distances in m. The search goes to three times this distance; a ray without
         contact has the estimate as its result.

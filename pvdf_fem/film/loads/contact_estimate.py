@@ -118,7 +118,7 @@ def _move_to_undeformed_film(probe: LoadedProbe, film: Film, width: float) -> Ti
     Parameters
     ----------
     probe : LoadedProbe
-        The probe with the tip.
+        Loaded probe that has a tip.
     film : Film
         The film, which moves outwards and stretches under the tip.
     width : float
@@ -156,9 +156,9 @@ def estimate_contact_width(probe: LoadedProbe, film: Film, halvings: int = 60) -
     Parameters
     ----------
     probe : LoadedProbe
-        The probe with the tip.
+        Loaded probe that has a tip.
     film : Film
-        The film.
+        Film that the tip presses.
     halvings : int
         Number of bisections. 60 reach round-off and take less time than the import of
         `scipy.optimize`.

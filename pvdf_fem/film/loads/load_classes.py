@@ -38,11 +38,11 @@ def make_loads(
     film : Film
         The film; a nonzero key of `FILM_LOADS` adds a load on the whole film.
     specs : iterable of LoadSpec
-        The loaded probes with their loads.
+        Loaded probes, each of which gets a term for its ``load.kind``.
     space : Space
         The finite-element space.
     sector : SymmetrySector
-        The sector of the film that is meshed.
+        Sector of the symmetric film that is meshed, or the whole film.
 
     Returns
     -------

@@ -34,7 +34,7 @@ class ProbeLoad(LoadTerm):
     Parameters
     ----------
     spec : LoadSpec
-        The probe and its load.
+        Probe with its force or depth, and the patch of the mesh below it.
     space : Space
         The finite-element space of the solved sector.
     sector : SymmetrySector
@@ -261,7 +261,7 @@ def integrate_traction(space: Space, elements: Selection, traction: Array) -> Ar
     Parameters
     ----------
     space : Space
-        The finite-element space.
+        Space whose quadrature and shape functions are used.
     elements : slice or ndarray, shape (n,)
         Numbers of the elements on which the traction acts.
     traction : ndarray, shape (n, points, 3)
@@ -298,7 +298,7 @@ def compute_normal_stiffness(
     Parameters
     ----------
     space : Space
-        The finite-element space.
+        Space whose quadrature and shape functions are used.
     elements : slice or ndarray, shape (n,)
         Numbers of the elements on which the pressure acts.
     pressure : float

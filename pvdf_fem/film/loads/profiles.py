@@ -54,7 +54,7 @@ class Profile(ABC):
     Parameters
     ----------
     spec : LoadSpec
-        The probe and its load.
+        Loaded probe, whose outline and load the profile uses.
     """
 
     #: Degree of the quadrature that integrates the profile; None for the quadrature of the film.
@@ -130,7 +130,7 @@ class CallableProfile(Profile):
     Parameters
     ----------
     spec : LoadSpec
-        The probe and its load.
+        Loaded probe, whose outline and load the profile uses.
     pressure : callable
         Function of two arrays x and y that returns an array of pressures, or a single one.
     """

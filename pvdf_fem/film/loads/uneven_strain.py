@@ -70,7 +70,7 @@ def describe_heat_effects(
     Parameters
     ----------
     scene : Scene
-        The scene.
+        Scene with the film, its electrodes and the probes that may be warm.
     charges_pC : mapping, optional
         Charges of the solution in pC, to which the charge by warming is compared.
     typical_uC_m2K : float
@@ -143,7 +143,7 @@ class UnevenStrain:
     Parameters
     ----------
     film : Film
-        The film.
+        Film with its thermal expansion and rim displacements.
     warm_probes : tuple of LoadedProbe
         The probes with a temperature; the tuple may be empty.
     """

@@ -1,18 +1,19 @@
 """Discretisation error: the solution corrected in a richer space.
 
-Newton steps correct the displacement of order p in the space of order p + 1 on the same mesh. The
-estimate of the error of an observable is its value at the corrected solution less its value at the
-solution, for every charge at once. Such estimates are hierarchical (Bank and Smith, SIAM J. Numer.
-Anal. 30, 1993, 921-935); for quantities of interest see Becker and Rannacher, Acta Numerica 10,
-2001, section 3.
+Newton steps correct the displacement of order p (coarse) in the space of order p + 1 (rich) on the
+same mesh. The estimated error of a charge is its value at the corrected solution minus its value
+at the solution. Such error estimates are called hierarchical (Bank and Smith, SIAM J. Numer. Anal.
+30, 1993, 921-935); for quantities of interest see Becker and Rannacher, Acta Numerica 10, 2001,
+section 3.
 
-The linear correction needs no factorisation of its own: conjugate gradients with a two-level
-preconditioner, the factorised tangent of order p plus the diagonal, take 5 to 10 iterations.
+The linear correction needs no factorisation of the rich tangent: conjugate gradients with a
+two-level preconditioner (factorised coarse tangent plus rich diagonal) take 5 to 10 iterations.
 
-A linear correction is not enough, since the strain also has the square of the error's slope. A film
-resists stretching far more than turning, so that this square changes the tension as much as the
-error itself does. The change in tension is smooth: two more steps with order p include it. The
-estimate is then mostly within a tenth, at worst a third, of the fully converged correction.
+A linear correction is not enough, since the strain also contains the square of the error's slope.
+A film resists stretching far more than rotation, so that this square changes the tension as much
+as the linear part does. The change in tension is smooth, and two more Newton steps in the coarse
+space (the smooth steps) include it. The estimate then mostly differs by less than a tenth, at worst
+by a third, from the fully converged correction.
 """
 
 from __future__ import annotations
@@ -34,37 +35,39 @@ from pvdf_fem.solver.nonlinear.newton import NewtonResult
 
 @dataclass(frozen=True)
 class CorrectionOptions:
-    """How far the solution is corrected in the richer space."""
+    """Accuracy of the correction in the richer space."""
 
-    #: Conjugate gradients end when an iteration lowers the energy by less than this share of the
-    #: decrease so far.
-    energy_share: float = 0.02
-    #: The same for bending and wrinkles, for which the diagonal is a worse preconditioner.
-    energy_share_rough: float = 1e-3
-    max_iterations: int = 40  #: Of conjugate gradients.
-    smooth_steps: int = 2  #: Newton steps in the space of order p after the linear correction.
-    #: Residual over the initial residual that is small enough in a film that wrinkles.
-    largest_remainder: float = 0.2
-    #: Size of Newton's last step where the richer equations are solved, over the tolerance of the
-    #: charges.
+    #: Conjugate gradients end if an iteration lowers the energy by at most this fraction of the
+    #: total decrease.
+    min_decrease: float = 0.02
+    #: Replaces `min_decrease` for film models with bending or wrinkles, for which the diagonal is a
+    #: worse preconditioner.
+    min_decrease_rough: float = 1e-3
+    max_iterations: int = 40  #: Maximum number of conjugate-gradient iterations.
+    smooth_steps: int = 2  #: Newton steps in the coarse space after the linear correction.
+    #: Maximum norm of the residual after the correction divided by that before; only for films that
+    #: wrinkle.
+    max_residual_ratio: float = 0.2
+    #: If the richer equations are solved: relative size of Newton's last step divided by the
+    #: tolerance of the charges.
     last_step: float = 0.1
 
 
 @dataclass(frozen=True)
 class Correction:
-    """A solution and its correction in a richer space."""
+    """A solution of the coarse equations, and its correction in a richer space."""
 
-    #: The richer equations.
+    #: The equations in the richer space.
     rich: Equilibrium
-    #: The solution of the coarse equations as an element of the richer space, (rich unknowns,).
+    #: The coarse solution as a function of the richer space, shape (rich unknowns,).
     start: Array
-    #: The corrected solution, (rich unknowns,).
+    #: The corrected solution, shape (rich unknowns,).
     q: Array
-    #: State of `start`, where the correction took its tangent.
+    #: State at `start`, at which the richer equations are linearised.
     state: State
-    #: Matrix from coarse to rich unknowns, (rich unknowns, coarse unknowns).
+    #: Maps coarse to rich unknowns, shape (rich unknowns, coarse unknowns).
     prolongation: sp.csr_matrix
-    #: The solve of the richer equations, where a linear correction was not enough.
+    #: The solve of the richer equations; None if a few steps were enough.
     result: NewtonResult | None = None
 
 
@@ -77,31 +80,30 @@ def correct_in_richer_space(
     budget: Budget,
     options: CorrectionOptions = CorrectionOptions(),
 ) -> Correction | NewtonResult:
-    """Correct a solution in a richer space.
+    """Correct a solution by a few steps in a richer space, or by a solve there if these fail.
 
-    Usually some conjugate gradients and two smooth steps are enough. The richer equations are
-    solved where these steps do not converge: in a film that is too far from linear, or that is too
-    stiff where it wrinkles.
+    The steps are a linear correction by conjugate gradients and two smooth steps (Newton steps in
+    the coarse space). They fail if the equations are too nonlinear, or too stiff at wrinkles.
 
     Parameters
     ----------
     coarse : Equilibrium
-        The solved equations.
+        The equations that were solved.
     q : ndarray, shape (coarse unknowns,)
-        Their solution.
+        Solution of `coarse`.
     factors : SuperLU
         Factors of the tangent of `coarse` near `q`.
     rich : Equilibrium
         The equations of the same problem and mesh in a space that contains that of `coarse`.
     budget : Budget
-        What the solve of the richer equations may cost.
+        Limits the iterations of a solve of the richer equations. The work is not added to it.
     options : CorrectionOptions, optional
-        How far the solution is corrected.
+        Accuracy of the correction.
 
     Returns
     -------
     Correction or NewtonResult
-        The correction, or the failed solve of the richer equations.
+        The correction; or, if the richer equations were solved without success, that result.
     """
     prolongation = make_prolongation(coarse, rich)
     start = prolongation @ q
@@ -120,7 +122,7 @@ def correct_in_richer_space(
 def _correct_by_few_steps(
     correction: Correction, factors: SuperLU, options: CorrectionOptions
 ) -> Array | None:
-    """Correct by a Newton step in the richer space, and smooth steps in the coarse space.
+    """Correct by one inexact Newton step in the richer space, then by steps in the coarse space.
 
     Parameters
     ----------
@@ -129,30 +131,30 @@ def _correct_by_few_steps(
     factors : SuperLU
         Factors of the coarse tangent.
     options : CorrectionOptions
-        How far the solution is corrected.
+        Accuracy of the correction.
 
     Returns
     -------
     ndarray, shape (rich unknowns,), or None
-        None where smooth steps grow, since the equations are not linear enough between the two
-        spaces, or not stable. None, too, where a film that wrinkles is still far from balance.
+        The corrected unknowns. None if the smooth steps grow, since the equations are too nonlinear
+        or unstable, or if the residual of a film that wrinkles is still large.
     """
     rich = correction.rich
     prolongation = correction.prolongation
     initial_residual = rich.residual(correction.state)
     q = correction.start - _solve_linearised(correction, initial_residual, factors, options=options)
-    last_size = np.inf
+    last_size = np.inf  # sizes are squared energy norms
     for _ in range(options.smooth_steps):
         coarse_residual = prolongation.T @ rich.residual(rich.state(q))
         step = factors.solve(coarse_residual)
         size = abs(float(step @ coarse_residual))
-        if not size <= last_size:
+        if not size <= last_size:  # also true for NaN
             return None
         q = q - prolongation @ step
         last_size = size
     if rich.model.wrinkles:
         remainder = np.linalg.norm(rich.residual(rich.state(q)))
-        if not remainder <= options.largest_remainder * np.linalg.norm(initial_residual):
+        if not remainder <= options.max_residual_ratio * np.linalg.norm(initial_residual):
             return None
     return q
 
@@ -165,27 +167,27 @@ def _solve_linearised(
     Parameters
     ----------
     correction : Correction
-        The richer equations, and the state of their tangent.
+        The richer equations, the state at which A is taken, and the prolongation.
     b : ndarray, shape (rich unknowns,)
         Right-hand side in N.
     factors : SuperLU
         Factors of the coarse tangent, for the preconditioner.
     options : CorrectionOptions
-        When the iteration ends.
+        Stopping criteria of the iteration.
 
     Returns
     -------
     ndarray, shape (rich unknowns,)
-        The approximate solution. Where the curvature along a direction is not positive it is the
-        last iterate, since there is no minimum along that direction; smooth steps do the rest.
+        The approximate solution x. The iteration stops early at a direction of non-positive
+        curvature, along which there is no minimum.
     """
     rich = correction.rich
     state = correction.state
     prolongation = correction.prolongation
     diagonal = rich.diagonal(state)
-    small_share = options.energy_share_rough
+    min_decrease = options.min_decrease_rough
     if rich.model.mesh_policy.has_smooth_correction:
-        small_share = options.energy_share
+        min_decrease = options.min_decrease
 
     def precondition(residual: Array) -> Array:
         coarse = factors.solve(prolongation.T @ residual)
@@ -205,9 +207,9 @@ def _solve_linearised(
         alpha = rz / curvature
         x = x + alpha * p
         r = r - alpha * Ap
-        decrease = float(alpha * rz)  # twice that of the energy
+        decrease = float(alpha * rz)  # twice the decrease of the energy x · A x / 2 - b · x
         total_decrease += decrease
-        if decrease <= small_share * total_decrease:
+        if decrease <= min_decrease * total_decrease:
             break
         z = precondition(r)
         last_rz = rz
@@ -218,37 +220,37 @@ def _solve_linearised(
 
 
 def solve_duals(correction: Correction, factors: SuperLU, gradients: Array) -> Array:
-    """Solve for the dual solutions of outputs in the coarse space.
+    """Solve the dual (adjoint) equations of outputs in the coarse space.
 
     Parameters
     ----------
     correction : Correction
-        The richer equations, and the prolongation to them.
+        The richer equations, and the prolongation to their space.
     factors : SuperLU
         Factors of the coarse tangent K.
     gradients : ndarray, shape (rich dofs, outputs)
-        Derivatives of the outputs J by the dofs of the richer space.
+        Derivatives of the outputs J with respect to the dofs of the richer space.
 
     Returns
     -------
     ndarray, shape (coarse unknowns, outputs)
-        Solutions λ of Kᵀ λ = ∂J/∂q.
+        Solutions λ of Kᵀ λ = ∂J/∂q, with the coarse unknowns q.
     """
     rich_gradients = correction.rich.unknowns.fold(gradients)
     return factors.solve(correction.prolongation.T @ rich_gradients, "T")
 
 
 def compute_indicators(correction: Correction, duals: Array, gradients: Array) -> Array:
-    """Compute how much each element contributes to the errors of outputs.
+    """Compute dual-weighted estimates of how much each element contributes to output errors.
 
     Parameters
     ----------
     correction : Correction
-        The solution, and its correction in the richer space.
+        The coarse solution, and its correction in the richer space.
     duals : ndarray, shape (coarse unknowns, outputs)
         Dual solutions from `solve_duals`.
     gradients : ndarray, shape (rich dofs, outputs)
-        Derivatives of the outputs by the dofs of the richer space.
+        Derivatives of the outputs with respect to the dofs of the richer space.
 
     Returns
     -------
@@ -257,9 +259,9 @@ def compute_indicators(correction: Correction, duals: Array, gradients: Array) -
 
     Notes
     -----
-    They are dual-weighted: the forces of an element by the error of the solution, times the part of
-    the dual solution that the coarse space lacks. One Jacobi step on the dual residual estimates
-    that part.
+    A contribution is |f · z|. f are the forces of the element due to the error, which is the
+    correction minus the solution, and z is the part of the dual solution that the coarse space
+    lacks. z is estimated by one Jacobi step on the dual residual in the richer space.
     """
     rich = correction.rich
     state = correction.state

@@ -1,4 +1,4 @@
-"""A solution in elements of the next order on the same mesh, and the elements' error shares."""
+"""The solution of the next order, and the contributions of elements to the errors of charges."""
 
 from __future__ import annotations
 
@@ -20,39 +20,39 @@ from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 
 
 class FactorisedSolution(NamedTuple):
-    """The equations of a whole film with their solution and the factors of their tangent."""
+    """The equations of a whole film, their solution, and the factorised tangent at the solution."""
 
     equilibrium: Equilibrium
-    q: Array  #: (unknowns,)
+    q: Array  #: Unknowns at the solution, shape (unknowns,).
     factors: SuperLU
 
 
 def factorise_tangent(discrete: DiscreteSolution) -> FactorisedSolution:
-    """Factorise the tangent of a solution on the whole film.
+    """Factorise the tangent at a solution, on the whole film even if a sector was solved.
 
-    Newton's last factors may be of an earlier state, so they are not used.
+    The factors of Newton's method are not used because they may belong to an earlier state.
 
     Raises
     ------
     NotConvergedError
-        If the tangent is exactly singular, as that of a slack film without a load.
+        If the tangent is exactly singular, such as for a slack film without a load.
     """
     equilibrium = discrete.equilibrium
     q = equilibrium.restrict(discrete.displacement)
     try:
         factors = factorise(equilibrium.tangent(discrete.state))
-    except RuntimeError:  # SuperLU: exactly singular
+    except RuntimeError:  # raised by SuperLU: "Factor is exactly singular"
         raise NotConvergedError(f"{Status.SINGULAR}: {Status.SINGULAR.advice}") from None
     return FactorisedSolution(equilibrium, q, factors)
 
 
 def solve_next_order(solution: FactorisedSolution) -> Correction:
-    """Solve in the order above on the same mesh.
+    """Correct a solution in elements of the next order on the same mesh.
 
     Raises
     ------
     NotConvergedError
-        If the richer equations have no solution.
+        If the correction needs a solve of the next order's equations, and this solve fails.
     """
     coarse = solution.equilibrium
     correction = correct_in_richer_space(
@@ -68,8 +68,19 @@ def solve_next_order(solution: FactorisedSolution) -> Correction:
 
 
 def compute_error_contributions(discrete: DiscreteSolution, outputs: Sequence[Output]) -> Array:
-    """Compute the shares of the elements in the errors of charges, in C, (elements, outputs)."""
+    """Compute the absolute contribution of each element to the errors of charges.
+
+    Returns
+    -------
+    ndarray, shape (elements, outputs)
+        Contributions in C, for the elements of the whole film.
+
+    Raises
+    ------
+    NotConvergedError
+        If the tangent is singular, or if there is no solution of the next order.
+    """
     solution = factorise_tangent(discrete)
     correction = solve_next_order(solution)
-    _, shares = compute_error_indicators(correction, solution.factors, outputs)
-    return shares
+    _, by_element = compute_error_indicators(correction, solution.factors, outputs)
+    return by_element

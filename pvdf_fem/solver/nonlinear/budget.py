@@ -1,7 +1,7 @@
-"""Budget of a solve: unknowns in a mesh, and work in seconds.
+"""Budget of a solve: maximum number of unknowns in a mesh, and maximum work in seconds.
 
-Work is counted and not measured by a clock, so that results do not depend on the load of a machine.
-A Newton iteration counts as the seconds that a processor core of 2024 takes for it.
+Work is estimated, not measured by a clock, so that results do not depend on how busy the machine
+is. A Newton iteration counts as the seconds that a processor core of 2024 takes for it.
 """
 
 from __future__ import annotations
@@ -21,29 +21,29 @@ def estimate_iteration_seconds(
     fixed: float = 150.0,
     factorising: float = 22_500.0,
 ) -> float:
-    """Estimate the work of a Newton iteration with a new tangent.
+    """Estimate the time of a Newton iteration that assembles and factorises a new tangent.
 
     Parameters
     ----------
     count : float
-        Number of unknowns.
+        Number of unknowns n.
     model : FilmModel
-        The film model, whose iterations cost more or less than a membrane's.
+        Film model; its mesh policy has the cost of an iteration relative to a membrane, c.
     per_second : float, optional
-        Unknowns of a small mesh that an iteration treats in a second.
+        Number of unknowns r that an iteration without factorisation processes per second.
     fixed : float, optional
-        Unknowns whose time an iteration takes in addition on every mesh.
+        Time that does not depend on the mesh, as a number of unknowns n0.
     factorising : float, optional
-        Unknowns of the mesh on which factorising takes as long as the rest of an iteration.
+        Number of unknowns n1 at which the factorisation takes as long as the rest.
 
     Returns
     -------
     float
-        Work in s.
+        c (n0 + n (1 + sqrt(n / n1))) / r, in s.
 
     Notes
     -----
-    `fixed` and `factorising` are fitted to the times of 38 solves of films that wrinkle.
+    n0 and n1 are fitted to the times of 38 solves of films that wrinkle.
     """
     unknowns = fixed + count * (1.0 + (count / factorising) ** 0.5)
     return model.mesh_policy.iteration_cost * unknowns / per_second
@@ -51,31 +51,34 @@ def estimate_iteration_seconds(
 
 @dataclass
 class Budget:
-    """What a solve may cost, and has cost so far."""
+    """Limits of unknowns and work of a solve, and the work that it has used so far."""
 
-    max_unknowns: int  #: Unknowns of a mesh (``numerics.max_unknowns``).
-    max_seconds: float  #: Work in s (``numerics.max_seconds``).
-    #: Whether `max_unknowns` holds for the first mesh, too, as it does where the scene gives the
-    #: number. Otherwise the first mesh has what the outlines and the tolerance need.
+    max_unknowns: int  #: Maximum number of unknowns of a mesh (``numerics.max_unknowns``).
+    max_seconds: float  #: Maximum work in s (``numerics.max_seconds``).
+    #: Whether `max_unknowns` also limits the first mesh. By default it limits only refined meshes,
+    #: and the first mesh has as many unknowns as the outlines and the tolerance need.
     bounds_first_mesh: bool = False
     spent_seconds: float = field(default=0.0)  #: Work so far in s.
-    #: Largest share of `max_seconds` for finding the equilibrium on one mesh.
-    equilibrium_share: float = 0.4
+    #: Maximum fraction of `max_seconds` for finding the equilibrium on one mesh.
+    equilibrium_fraction: float = 0.4
 
     @classmethod
     def for_problem(
         cls, problem: Problem, seconds: float = 20.0, *, usual_tolerance: float = 1e-3
     ) -> Budget:
-        """Return what a scene's numerics allow.
+        """Make the budget of the scene's ``numerics``, with defaults for missing limits.
+
+        A given ``numerics.max_unknowns`` also limits the first mesh.
 
         Parameters
         ----------
         problem : Problem
-            The problem.
+            Problem whose scene and film model set the limits.
         seconds : float, optional
             Default of ``numerics.max_seconds``.
         usual_tolerance : float, optional
-            A finer tolerance of the scene multiplies both defaults by the root of the ratio.
+            If the tolerance of the scene is smaller than this, both defaults are multiplied by
+            sqrt(usual_tolerance / tolerance).
         """
         numerics = problem.scene.numerics
         factor = max(1.0, usual_tolerance / numerics.tolerance) ** 0.5
@@ -90,16 +93,16 @@ class Budget:
 
     @property
     def remaining_seconds(self) -> float:
-        """Work in s that may still be done."""
+        """Work in s that is left; 0 if the budget is exceeded."""
         return max(self.max_seconds - self.spent_seconds, 0.0)
 
     def spend(self, equilibrium: Equilibrium, iterations: float) -> None:
-        """Count Newton iterations with a new tangent as work."""
+        """Add the estimated work of Newton iterations with new tangents to `spent_seconds`."""
         count = equilibrium.unknowns.count
         self.spent_seconds += iterations * estimate_iteration_seconds(count, equilibrium.model)
 
     def count_affordable_iterations(self, equilibrium: Equilibrium) -> int:
-        """Return how many Newton iterations finding an equilibrium may take."""
-        seconds = self.equilibrium_share * self.max_seconds
+        """Return how many Newton iterations one mesh may take, whatever was spent before."""
+        seconds = self.equilibrium_fraction * self.max_seconds
         count = equilibrium.unknowns.count
         return int(seconds / estimate_iteration_seconds(count, equilibrium.model))

@@ -1,9 +1,9 @@
-"""Newton's method for films that do not wrinkle: line search, deferred and undamped variants.
+"""Newton's method for films that do not wrinkle: with deferred tangents, or with full steps only.
 
-The energy along a Newton direction of a film that does not wrinkle is an exact quartic, and its
-minimum costs a few sums. The compressive stresses of an initial guess, which the solution does not
-have, would make the tangent indefinite. Far from the solution the geometric stiffness therefore
-takes only the tensile part of the stress.
+The energy of such a film along a Newton direction is exactly a quartic polynomial of the step
+length, so that an exact line search is cheap. An initial guess often has compressive stress that
+the solution does not have, and that would make the tangent indefinite. Far from the solution the
+geometric stiffness is therefore computed from the tensile part of the stress only.
 """
 
 from __future__ import annotations
@@ -31,44 +31,46 @@ from pvdf_fem.solver.nonlinear.newton import (
     NewtonStep,
     NewtonVariant,
 )
-from pvdf_fem.solver.nonlinear.stability import is_compressed, is_stable
+from pvdf_fem.solver.nonlinear.stability import is_compressed, may_be_stable
 from pvdf_fem.solver.nonlinear.status import Status
 
 
 @dataclass(frozen=True)
 class NewtonOptions:
-    """Choice of tangents in `DeferredNewton`, and when it gives up.
+    """Thresholds of `DeferredNewton`: when tangents are renewed, and when the iteration ends.
 
-    Sizes of steps are relative, in the energy norm.
+    Sizes are energy norms of steps relative to that of the solution.
     """
 
-    tolerance: float = STEP_TOLERANCE  #: Size of a last step with a new tangent.
-    #: After a larger step compressive stress adds no stiffness, so that every step lowers the
-    #: energy.
+    #: The iteration converges if the next step is expected to be smaller than this squared.
+    tolerance: float = STEP_TOLERANCE
+    #: After a larger step the convex tangent is used, so that every step lowers the energy.
     near_size: float = 0.1
-    #: Below this size full steps keep the quadratic convergence, and no line search is made.
+    #: At most this size, full steps are made without a line search: convergence is quadratic.
     local_size: float = 1e-2
-    defer_size: float = 0.3  #: A tangent is used again after a smaller step ...
-    contraction: float = 0.5  #: ... as long as each step is at most this part of the one before.
-    max_iterations: int = 60
-    #: The same under a load that follows the film, whose energy along a step is unknown.
-    max_following: int = 30
-    #: A film that is still in compression after so many iterations, and moves or has an indefinite
-    #: tangent, has no stable equilibrium.
+    #: A tangent is used again only after a step of at most this size ...
+    defer_size: float = 0.3
+    #: ... and while each step is at most this fraction of the step before.
+    contraction: float = 0.5
+    max_iterations: int = 60  #: Maximum number of iterations under conservative loads.
+    max_following: int = 30  #: Maximum number of iterations under loads that follow the film.
+    #: After this number of iterations a film counts as unstable if it is still in compression, and
+    #: if its last step was large or made with a convex tangent.
     patience: int = 30
 
 
 class DeferredNewton(NewtonVariant):
-    """Newton's method with an exact line search, which uses a tangent again near the solution.
+    """Newton's method with an exact line search, which reuses tangents near the solution.
 
     Parameters
     ----------
     equilibrium : Equilibrium
         The equations to solve.
     options : NewtonOptions
-        Choice of tangents, and when to give up.
+        Thresholds for renewing tangents and for ending.
     near : bool
-        Whether the initial guess is the solution of another mesh or order, which is near.
+        Whether the initial guess is close to the solution, such as the solution of another mesh or
+        order; the first tangent then includes compressive stress unless it would be indefinite.
     """
 
     _tangent: FactorisedTangent | None = None
@@ -79,11 +81,11 @@ class DeferredNewton(NewtonVariant):
         self.max_iterations = options.max_following
         if equilibrium.conservative:
             self.max_iterations = options.max_iterations
-        #: The first tangent is chosen as after a step of this size.
+        #: Size of the step before the first one, which only selects the first tangent.
         self._initial_size = options.near_size if near else np.inf
 
     def choose_tangent(self, state: State, iterations: Sequence[Iteration]) -> FactorisedTangent:
-        """Return the last tangent while steps with it shrink fast, otherwise a new one."""
+        """Return the last tangent while its steps are small and shrink fast, else a new one."""
         if self._tangent is not None and not self._is_outdated(self._tangent, iterations):
             return self._tangent
         last_size = iterations[-1].step_size if iterations else self._initial_size
@@ -91,7 +93,7 @@ class DeferredNewton(NewtonVariant):
         return self._tangent
 
     def _is_outdated(self, tangent: FactorisedTangent, iterations: Sequence[Iteration]) -> bool:
-        """Return whether steps with the tangent are large, or shrink slowly."""
+        """Return whether the tangent is convex, or its steps are large or shrink slowly."""
         last = iterations[-1]
         if tangent.is_convex or last.step_size > self.options.defer_size:
             return True
@@ -100,9 +102,10 @@ class DeferredNewton(NewtonVariant):
         return last.step_size > self.options.contraction * iterations[-2].step_size
 
     def _make_tangent(self, state: State, last_size: float) -> FactorisedTangent:
-        """Return the full tangent near the solution, otherwise the convex one.
+        """Factorise the full tangent if it is safe, otherwise the convex tangent.
 
-        Where no stress is compressive both are the same, and positive definite.
+        The full tangent is used if no stress is compressive, or if the last step was small and the
+        tangent is positive definite.
         """
         is_state_compressed = is_compressed(state)
         if last_size <= self.options.near_size or not is_state_compressed:
@@ -113,16 +116,20 @@ class DeferredNewton(NewtonVariant):
         return FactorisedTangent(factorise(convex), is_convex=True)
 
     def choose_length(self, step: NewtonStep) -> float:
-        """Return the length with the least energy; 1 of a small step."""
+        """Return the step length that minimises the energy; 1 for a small step."""
         if step.size <= self.options.local_size:
             return 1.0
         energy = self.equilibrium.energy_along(step.state, step.direction, step.slope)
-        return find_least_energy(energy)
+        return find_minimizing_length(energy)
 
     def find_end(
         self, step: NewtonStep, state: State, iterations: Sequence[Iteration]
     ) -> Status | None:
-        """End after a small step, or with a film that stays in compression."""
+        """End if the next step would be negligible, or if the film stays in compression.
+
+        If the iteration converges, `factors` are set to those of the full tangent. An equilibrium
+        in compression is unstable if these prove it.
+        """
         tangent = self._tangent
         assert tangent is not None
         still_moves = step.size > self.options.local_size**2 or tangent.is_convex
@@ -135,14 +142,15 @@ class DeferredNewton(NewtonVariant):
         self.factors = tangent.factors
         if tangent.is_convex or is_state_compressed:
             self.factors = factorise(self.equilibrium.tangent(state))
-        if is_state_compressed and not is_stable(self.equilibrium, self.factors):
+        if is_state_compressed and not may_be_stable(self.equilibrium, self.factors):
             return Status.UNSTABLE
         return Status.CONVERGED
 
     def _is_last_step_small(self, iterations: Sequence[Iteration]) -> bool:
-        """Return whether the next step would be smaller than the squared tolerance.
+        """Return whether the next step is expected to be smaller than the squared tolerance.
 
-        Steps shrink quadratically with new tangents, otherwise at the rate of the last two.
+        After a step s with a new tangent the next is about s² (quadratic convergence). With a
+        reused tangent the ratio of the last two steps is extrapolated.
         """
         last = iterations[-1]
         reduction = last.step_size
@@ -152,14 +160,14 @@ class DeferredNewton(NewtonVariant):
 
 
 class UndampedNewton(NewtonVariant):
-    """Newton's method with full steps and a new tangent for each, from a near initial guess.
+    """Newton's method with full steps and a new tangent for each; it needs a close initial guess.
 
     Parameters
     ----------
     equilibrium : Equilibrium
         The equations to solve.
     tolerance : float
-        Relative size of the last step in the energy norm.
+        The iteration ends after a step below this relative size in the energy norm.
     """
 
     max_iterations = 20
@@ -169,58 +177,58 @@ class UndampedNewton(NewtonVariant):
         self.tolerance = tolerance
 
     def choose_tangent(self, state: State, iterations: Sequence[Iteration]) -> FactorisedTangent:
-        """Return the tangent of the state."""
+        """Factorise the full tangent at the state, and store it in `factors`."""
         self.factors = factorise(self.equilibrium.tangent(state))
         return FactorisedTangent(self.factors)
 
     def find_end(
         self, step: NewtonStep, state: State, iterations: Sequence[Iteration]
     ) -> Status | None:
-        """End after a step below the tolerance."""
+        """Return `Status.CONVERGED` after a step below the tolerance."""
         return Status.CONVERGED if step.size < self.tolerance else None
 
 
 def make_convex_tangent(
-    equilibrium: Equilibrium, state: State, least_tension: float = 1e-6
+    equilibrium: Equilibrium, state: State, min_tension: float = 1e-6
 ) -> sp.csc_matrix | LowRankUpdate:
-    """Make the tangent without the geometric stiffness of compressive stress.
+    """Assemble the tangent without the geometric stiffness of compressive stress.
 
     Parameters
     ----------
     equilibrium : Equilibrium
-        The equations.
+        The equations that are linearised.
     state : State
-        The state.
-    least_tension : float, optional
-        Tension that is added everywhere, over the largest stress. It keeps the tangent regular
-        where the film is slack.
+        The state at which they are linearised.
+    min_tension : float, optional
+        Isotropic tension that is added everywhere, as a fraction of the largest stress component;
+        it keeps the tangent regular where the film is slack.
 
     Returns
     -------
-    (unknowns, unknowns) csc_matrix or LowRankUpdate
-        The tangent in N/m, which is never indefinite.
+    csc_matrix or LowRankUpdate, shape (unknowns, unknowns)
+        The tangent in N/m. The membrane adds no negative stiffness to it.
     """
     uniform_tension = np.array([1.0, 1.0, 0.0])
-    floor = least_tension * np.abs(state.stress).max() * uniform_tension
+    floor = min_tension * np.abs(state.stress).max() * uniform_tension
     stress = compute_tensile_part(state.stress) + floor
     return equilibrium.tangent(replace(state, stress=stress))
 
 
-def find_least_energy(energy: Array) -> float:
-    """Find the step length s > 0 at which the energy is least.
+def find_minimizing_length(energy: Array) -> float:
+    """Find the step length s > 0 that minimises a quartic energy.
 
     Parameters
     ----------
     energy : ndarray, shape (5,)
-        Coefficients in J of 1, s, ... s⁴.
+        Coefficients of 1, s, ... s⁴ in J.
 
     Returns
     -------
     float
-        The stationary point with the least energy; 1 if there is none.
+        The positive stationary point with the lowest energy; 1 if there is none.
     """
     derivative = polynomial.polyder(energy)
-    roots = np.roots(derivative[::-1])
+    roots = np.roots(derivative[::-1])  # np.roots expects the highest power first
     is_real = np.abs(roots.imag) <= 1e-9 * np.abs(roots)
     lengths = roots.real[is_real & (roots.real > 0)]
     if len(lengths) == 0:

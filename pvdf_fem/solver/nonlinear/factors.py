@@ -1,4 +1,4 @@
-"""Factors of tangents: their inertia, and quasi-Newton steps with them."""
+"""Factorised tangent matrices: their inertia, and quasi-Newton steps with them."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ from pvdf_fem.film.low_rank import LowRankFactors, LowRankUpdate
 
 
 def factorise(matrix: sp.csc_matrix | LowRankUpdate) -> SuperLU:
-    """Factorise a matrix with a symmetric pattern.
+    """Factorise a matrix with a symmetric sparsity pattern, without numerical pivoting.
 
     Parameters
     ----------
-    matrix : (n, n) csc_matrix or LowRankUpdate
-        The matrix.
+    matrix : csc_matrix or LowRankUpdate, shape (n, n)
+        The matrix, which need not be positive definite.
 
     Returns
     -------
-    SuperLU
-        L and U, or `LowRankFactors` of a low-rank update. There is no pivoting, so that the signs
-        on the diagonal of U give the inertia, see `count_negative_pivots`.
+    SuperLU or LowRankFactors
+        Factors with a ``solve`` method; `LowRankFactors` for a low-rank update. Diagonal pivots are
+        taken, so that the signs on the diagonal of U give the inertia of a symmetric matrix, see
+        `count_negative_pivots`.
 
     Raises
     ------
@@ -44,8 +45,9 @@ def count_negative_pivots(factors: SuperLU) -> int:
 
     Notes
     -----
-    By Sylvester's law of inertia they are as many as the negative pivots in U. A low-rank update
-    A + B Bᵀ has fewer than A by the number of negative eigenvalues of I + Bᵀ A⁻¹ B.
+    By Sylvester's law of inertia their number equals the number of negative pivots in U. A low-rank
+    update A + B Bᵀ has fewer negative eigenvalues than A, by the number of negative eigenvalues of
+    I + Bᵀ A⁻¹ B.
     """
     if isinstance(factors, LowRankFactors):
         removed = int((np.linalg.eigvalsh(factors.small) < 0.0).sum())
@@ -54,24 +56,24 @@ def count_negative_pivots(factors: SuperLU) -> int:
 
 
 def has_negative_determinant(factors: SuperLU | None) -> bool:
-    """Return whether a tangent's determinant is negative; False without a tangent."""
+    """Return whether the factorised tangent has a negative determinant; False for None."""
     return factors is not None and count_negative_pivots(factors) % 2 == 1
 
 
 @dataclass(frozen=True)
 class FactorisedTangent:
-    """A factorised tangent, with the steps that were made with it.
+    """A factorised tangent, and the history of the steps that were made with it.
 
     Attributes
     ----------
     factors : SuperLU
-        Its factors.
+        Factors of the tangent.
     is_convex : bool
-        Whether the stiffness of compressive stress is left out of it.
+        Whether the tangent lacks the geometric stiffness of compressive stress.
     residuals : list of ndarray, shape (unknowns,)
-        Residuals in N at which steps were made with it.
+        Residuals in N before each step; `remember` appends to the list.
     steps : list of ndarray, shape (unknowns,)
-        These steps.
+        Changes of the unknowns in each step; `remember` appends to the list.
     """
 
     factors: SuperLU
@@ -81,27 +83,28 @@ class FactorisedTangent:
 
     @property
     def is_new(self) -> bool:
-        """Whether no step was made with it yet."""
+        """Whether no step has been made with the tangent yet."""
         return not self.steps
 
     def compute_step(self, residual: Array) -> Array:
-        """Compute the quasi-Newton step at a residual.
+        """Compute the full step at a residual: Newton's if the tangent is new, otherwise L-BFGS.
 
         Parameters
         ----------
         residual : ndarray, shape (unknowns,)
-            The residual in N.
+            Residual in N at the present unknowns.
 
         Returns
         -------
         ndarray, shape (unknowns,)
-            The Newton step while the tangent is new.
+            Change of the unknowns. Nothing is stored; see `remember`.
 
         Notes
         -----
-        The two-loop recursion of L-BFGS (Nocedal, Math. Comp. 35, 1980, 773-782), with the factors
-        as the first approximation of the inverse. By it the inverse of an older tangent follows the
-        residuals, for the few modes that the tension changes most.
+        The two-loop recursion of L-BFGS (Nocedal, Math. Comp. 35, 1980, 773-782), with the
+        factorised tangent as the initial approximation of the Hessian. The stored steps s and the
+        changes y of the residual in them update an older tangent in the few modes whose stiffness
+        changes most.
         """
         differences = [after - before for before, after in pairwise([*self.residuals, residual])]
         pairs = list(zip(self.steps, differences, strict=True))
@@ -119,6 +122,6 @@ class FactorisedTangent:
         return -inverse_product
 
     def remember(self, residual: Array, step: Array) -> None:
-        """Keep a residual and the step that was made there."""
+        """Append a residual and the step that was made there to the history."""
         self.residuals.append(residual)
         self.steps.append(step)

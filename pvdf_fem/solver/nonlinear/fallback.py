@@ -1,8 +1,8 @@
-"""The fallback chain: solvers that are tried for an equilibrium, one after another.
+"""The fallback chain: solvers that are tried one after another until one finds an equilibrium.
 
-Each solver of the chain says whether it applies. The first that converges ends the chain, and the
-result keeps a record of those that failed before. A loaded film that does not wrinkle needs
-`LineSearchNewton` only.
+Each solver says whether it applies to a task. The result of the first solver that converges is
+returned, with a record of the solvers that failed before. A film that does not wrinkle has a single
+solver: `TipStiffnessContinuation` if a tip presses it, otherwise `LineSearchNewton`.
 """
 
 from __future__ import annotations
@@ -36,65 +36,69 @@ from pvdf_fem.solver.nonlinear.wrinkling import PredictedStressNewton, continue_
 
 logger = logging.getLogger(__name__)
 
-#: Size of the last Newton step for a wrinkling film, over the charges' tolerance. Where the film
-#: begins to wrinkle, steps shrink only linearly, and in a stiff film rounding soon keeps them from
-#: shrinking further.
-WRINKLING_STEP_SHARE = 1e-2
+#: Relative size of the last Newton step for a wrinkling film, divided by the tolerance of the
+#: charges. At the onset of wrinkles the steps shrink only linearly, and in a stiff film round-off
+#: soon stops them from shrinking.
+WRINKLING_STEP_FRACTION = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
 class EquilibriumTask:
-    """An equilibrium that is to be found."""
+    """The equations, accuracy, initial guess and budget of a search for an equilibrium."""
 
     equilibrium: Equilibrium
     budget: Budget
-    #: Unknowns near the solution, (unknowns,), if there are any.
+    #: Unknowns near the solution, shape (unknowns,); None if no similar film was solved.
     initial_guess: Array | None = None
     #: Relative size of Newton's last step in the energy norm.
     tolerance: float = STEP_TOLERANCE
 
     @property
     def affordable_iterations(self) -> int:
-        """Number of Newton iterations that the budget pays for."""
+        """Number of Newton iterations that the budget allows."""
         return self.budget.count_affordable_iterations(self.equilibrium)
 
     @property
     def wrinkles(self) -> bool:
-        """Whether the film is one that wrinkles, a tension field."""
+        """Whether the film model is a tension field, which carries no compression."""
         return self.equilibrium.model.wrinkles
 
     @property
     def wrinkling_tolerance(self) -> float:
-        """Relative size of Newton's last step for a film that wrinkles."""
+        """Relative size of Newton's last step for a film that wrinkles; at least `tolerance`."""
         charge_tolerance = self.equilibrium.scene.numerics.tolerance
-        return max(self.tolerance, WRINKLING_STEP_SHARE * charge_tolerance)
+        return max(self.tolerance, WRINKLING_STEP_FRACTION * charge_tolerance)
 
 
 class FallbackSolver(ABC):
-    """A solver of the fallback chain."""
+    """Base class of the solvers in the fallback chain."""
 
-    name: str
+    name: str  #: Name in records of failed attempts.
 
     @abstractmethod
     def applies(self, task: EquilibriumTask) -> bool:
-        """Return whether the solver can solve the task."""
+        """Return whether the solver should be tried for the task."""
 
     @abstractmethod
     def solve(self, task: EquilibriumTask) -> NewtonResult:
-        """Look for the equilibrium."""
+        """Search for the equilibrium; the status of the result says whether it was found."""
 
 
 class TipStiffnessContinuation(FallbackSolver):
-    """Undamped Newton from the equilibrium of softer tips, or from a near initial guess."""
+    """Undamped Newton from the task's initial guess or from the equilibrium of softer tips."""
 
     name = "continuation in the stiffness of tips"
 
     def applies(self, task: EquilibriumTask) -> bool:
-        """Return whether terms change abruptly, as where a tip begins to touch."""
+        """Return whether a term of the equations changes abruptly, such as the contact of a tip."""
         return task.equilibrium.is_abrupt
 
     def solve(self, task: EquilibriumTask) -> NewtonResult:
-        """Try the initial guess if there is one, then find the equilibrium of softer tips first."""
+        """Start from the task's initial guess, if there is one, otherwise or then from softer tips.
+
+        The equilibrium of softer tips is found by the whole fallback chain, so that tips may be
+        softened repeatedly. If it is not found, its failed result is returned.
+        """
         equilibrium = task.equilibrium
         if task.initial_guess is not None:
             result = run_newton(UndampedNewton(equilibrium, task.tolerance), task.initial_guess)
@@ -115,11 +119,11 @@ class LineSearchNewton(FallbackSolver):
     name = "Newton"
 
     def applies(self, task: EquilibriumTask) -> bool:
-        """Return whether the film carries compression, and no term changes abruptly."""
+        """Return whether the film does not wrinkle and no term changes abruptly."""
         return not task.wrinkles and not task.equilibrium.is_abrupt
 
     def solve(self, task: EquilibriumTask) -> NewtonResult:
-        """Start from the task's initial guess, otherwise from that of a linear membrane."""
+        """Start from the task's initial guess, or from a linear membrane's deflection if None."""
         is_near = task.initial_guess is not None
         initial_guess = task.initial_guess
         if initial_guess is None:
@@ -129,32 +133,32 @@ class LineSearchNewton(FallbackSolver):
 
 
 class WrinklingNewton(FallbackSolver):
-    """Newton's method with predicted stress for a film that wrinkles, from a near initial guess."""
+    """Newton's method with predicted stress for a film that wrinkles, from an initial guess."""
 
     name = "Newton with predicted stress"
 
     def applies(self, task: EquilibriumTask) -> bool:
-        """Return whether the film wrinkles and there is an initial guess."""
+        """Return whether the film wrinkles and the task has an initial guess."""
         return task.wrinkles and task.initial_guess is not None
 
     def solve(self, task: EquilibriumTask) -> NewtonResult:
-        """Start from the initial guess."""
+        """Run `PredictedStressNewton` from the initial guess of the task."""
         assert task.initial_guess is not None
         variant = PredictedStressNewton(task.equilibrium, task.wrinkling_tolerance)
         return run_newton(variant, task.initial_guess)
 
 
 class LoadContinuation(FallbackSolver):
-    """Continuation from larger loads for a film that wrinkles; it needs no initial guess."""
+    """Continuation from larger loads for a film that wrinkles; the initial guess is ignored."""
 
     name = "continuation in the load"
 
     def applies(self, task: EquilibriumTask) -> bool:
-        """Return whether the film wrinkles."""
+        """Return whether the film is a tension field."""
         return task.wrinkles
 
     def solve(self, task: EquilibriumTask) -> NewtonResult:
-        """Solve under dead loads; a pressure that follows the film starts from that equilibrium."""
+        """Solve under dead loads, then under loads that follow the film if the task has these."""
         tolerance = task.wrinkling_tolerance
         under_dead_loads = task.equilibrium.map_terms(lambda term: term.with_frozen_loads())
         result = continue_from_larger_loads(
@@ -181,23 +185,24 @@ def find_equilibrium(
     tolerance: float = STEP_TOLERANCE,
     budget: Budget | None = None,
 ) -> NewtonResult:
-    """Find an equilibrium, whatever the film and the loads are.
+    """Find an equilibrium by the fallback chain, for any film model and loads.
 
     Parameters
     ----------
     equilibrium : Equilibrium
-        The equations.
+        The equations to solve.
     initial_guess : ndarray, shape (unknowns,), optional
-        Unknowns near the solution.
+        Unknowns near the solution, such as those of a coarser mesh.
     tolerance : float, optional
         Relative size of Newton's last step in the energy norm.
     budget : Budget, optional
-        What the solve may cost, by default what the scene's numerics allow.
+        Limits the number of iterations; by default that of the scene's numerics. The work is not
+        added to it.
 
     Returns
     -------
     NewtonResult
-        Its status says whether an equilibrium was found.
+        The status says whether an equilibrium was found.
     """
     if budget is None:
         budget = Budget.for_problem(equilibrium.problem)
@@ -206,18 +211,20 @@ def find_equilibrium(
 
 
 def run_fallback_chain(task: EquilibriumTask) -> NewtonResult:
-    """Try the solvers of the chain until one converges.
+    """Try the solvers that apply to a task until one converges.
+
+    If no force deflects or stretches the film, the flat film is returned without any solver.
 
     Parameters
     ----------
     task : EquilibriumTask
-        The equilibrium to be found.
+        The equilibrium to find.
 
     Returns
     -------
     NewtonResult
-        The result of the solver that converged, or of the last one that applies. Of a flat film
-        that is in balance it is the flat film.
+        The result of the first solver that converged, or of the last one if all failed; its
+        `failed_attempts` begin with the solvers before it.
     """
     if task.equilibrium.is_flat:
         return solve_flat_film(task.equilibrium)
@@ -234,16 +241,17 @@ def run_fallback_chain(task: EquilibriumTask) -> NewtonResult:
 
 
 def solve_flat_film(equilibrium: Equilibrium) -> NewtonResult:
-    """Return the flat film as the result, and whether it is stable.
+    """Return the flat film as the result, with the status `Status.UNSTABLE` if it buckles.
 
-    It is an equilibrium for every tension. It is unstable in compression, unless it wrinkles or
-    its bending stiffness keeps it from buckling.
+    The caller ensures that the flat film is in equilibrium. In compression it is unstable, unless
+    the film model is a tension field or the bending stiffness prevents buckling. The result has no
+    factors and no iterations.
     """
     q = np.zeros(equilibrium.unknowns.count)
     state = equilibrium.state(q)
     smallest, largest = compute_principal_values(state.stress)
     has_compression = smallest.min() < -ROUND_OFF * np.abs(largest).max()
-    is_stable = equilibrium.model.wrinkles or not has_compression  # a slack film is stable, too
+    is_stable = equilibrium.model.wrinkles or not has_compression  # zero stress counts as stable
     if not is_stable and equilibrium.model.bends:
         factors = factorise(equilibrium.tangent(state))
         is_stable = count_negative_pivots(factors) == 0

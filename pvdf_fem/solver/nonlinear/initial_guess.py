@@ -1,6 +1,6 @@
-"""The initial guess of Newton's method where no similar film has been solved.
+"""The initial guess of Newton's method if no similar film has been solved.
 
-The tangent of a flat film without pretension is singular, so that the first iterate must not be the
+The tangent of a flat film without pretension is singular, so the iteration cannot start from the
 flat film.
 """
 
@@ -14,58 +14,59 @@ from pvdf_fem.solver.nonlinear.factors import factorise
 
 
 def compute_initial_guess(equilibrium: Equilibrium) -> Array:
-    """Compute the deflection of a linear membrane under the loads, scaled to the least energy.
+    """Compute the deflection of a linear membrane under the loads, scaled to lower the energy most.
 
     Parameters
     ----------
     equilibrium : Equilibrium
-        The equations.
+        The equations, with at least one force on the flat film.
 
     Returns
     -------
     ndarray, shape (unknowns,)
-        The unknowns. Only deflections are nonzero, unless all forces are in the plane: then they
-        displace the film in its plane.
+        Unknowns of which only deflections are nonzero. If all forces act in the plane, the linear
+        problem is solved for all unknowns instead.
     """
     laplace = equilibrium.assembly.matrix(equilibrium.space.laplace_matrices())
     forces = equilibrium.flat_forces
-    moving = np.flatnonzero(equilibrium.unknowns.mark_deflections())
-    if not forces[moving].any():
-        moving = np.arange(len(forces))
-    stiffness = laplace[moving][:, moving].tocsc()
+    solved = np.flatnonzero(equilibrium.unknowns.mark_deflections())
+    if not forces[solved].any():
+        solved = np.arange(len(forces))
+    stiffness = laplace[solved][:, solved].tocsc()
     direction = np.zeros(equilibrium.unknowns.count)
-    direction[moving] = factorise(stiffness).solve(forces[moving])
+    direction[solved] = factorise(stiffness).solve(forces[solved])
+    # the largest factor, 1, makes the largest displacement as large as the film's radius
     direction *= equilibrium.film.radius / np.abs(direction).max()
-    return _find_least_energy_factor(equilibrium, direction) * direction
+    return _find_minimizing_factor(equilibrium, direction) * direction
 
 
-def _find_least_energy_factor(
+def _find_minimizing_factor(
     equilibrium: Equilibrium,
     direction: Array,
     *,
     smallest: float = 1e-12,
     ratio: float = 1.1,
 ) -> float:
-    """Find the factor on a direction up to which the energy falls, by bisection of its logarithm.
+    """Find the factor on a direction at which the energy stops falling, by bisection.
 
-    A root finder of SciPy would need a change of sign, which is missing where the energy falls up
-    to the factor 1, would evaluate both ends in addition, and its package is slow to import.
+    The logarithm of the factor is bisected. A root finder of SciPy would need a change of sign,
+    which is missing if the energy falls up to the factor 1.
 
     Parameters
     ----------
     equilibrium : Equilibrium
-        The equations.
+        The equations, for the residual.
     direction : ndarray, shape (unknowns,)
-        The direction.
+        Unknowns for the factor 1, the largest that is considered.
     smallest : float, optional
-        Smallest factor; the largest is 1.
+        Lower end of the first interval.
     ratio : float, optional
-        Ratio of the ends of the interval at which the bisection stops.
+        The bisection stops if the ratio of the ends of the interval is at most this.
 
     Returns
     -------
     float
-        The lower end of the interval.
+        Lower end of the last interval, where the energy still falls.
     """
     low = smallest
     high = 1.0

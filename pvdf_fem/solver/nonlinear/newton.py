@@ -1,4 +1,4 @@
-"""Newton's method: one loop, whose variants choose tangents, step lengths and ends."""
+"""Newton's method: a loop whose variants choose the tangents, step lengths and end."""
 
 from __future__ import annotations
 
@@ -18,41 +18,42 @@ from pvdf_fem.solver.nonlinear.status import Status
 
 logger = logging.getLogger(__name__)
 
-#: Relative size, in the energy norm, of the last Newton step that is made with a new tangent. The
-#: next one, by the quadratic convergence, would be about 1e-12.
+#: Relative size of the last Newton step in the energy norm, if its tangent is new. As convergence
+#: is quadratic, the next step would be about 1e-12.
 STEP_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class Iteration:
-    """One row of the iteration table."""
+    """Record of one Newton iteration."""
 
-    step_size: float  #: Energy norm of the full Newton step over that of the solution.
-    step_length: float  #: Part of the full step that the line search chose.
+    step_size: float  #: Energy norm of the full step, relative to that of the displacement.
+    step_length: float  #: Factor on the full step that was made.
     has_convex_tangent: bool  #: Whether compressive stress was left out of the tangent.
-    has_new_tangent: bool  #: Whether the tangent is that of this state, not of an earlier one.
+    has_new_tangent: bool  #: Whether the tangent was factorised for this step.
 
 
 @dataclass(frozen=True)
 class FailedAttempt:
-    """A solver that found no equilibrium, before another was tried."""
+    """Record of a solver that failed before another solver or space was tried."""
 
-    solver: str  #: Its name.
-    status: Status
-    iterations: int
-    tangent_count: int  #: Number of its iterations with a new tangent.
+    solver: str  #: Name of the solver, as shown to users.
+    status: Status  #: Reason for the failure.
+    iterations: int  #: Number of Newton iterations.
+    tangent_count: int  #: Number of those iterations with a new tangent.
 
 
 @dataclass(frozen=True)
 class NewtonResult:
-    """How Newton's method ended."""
+    """The outcome of Newton's method, whether it converged or not."""
 
-    q: Array  #: The last unknowns, (unknowns,).
-    status: Status
-    iterations: tuple[Iteration, ...]  #: The table of the solve that led to `q`.
-    #: Factors of the last tangent; None for the flat film and without convergence.
+    q: Array  #: The last unknowns, shape (unknowns,).
+    status: Status  #: `Status.CONVERGED`, or the reason for the failure.
+    iterations: tuple[Iteration, ...]  #: Iterations of the solve that led to `q`.
+    #: Factors of a tangent near `q`; None for the flat film and without convergence.
     factors: SuperLU | None
-    failed_attempts: tuple[FailedAttempt, ...] = ()  #: Solvers that failed before.
+    #: Solvers that failed before; their iterations are not in `iterations`.
+    failed_attempts: tuple[FailedAttempt, ...] = ()
 
     @property
     def converged(self) -> bool:
@@ -61,7 +62,7 @@ class NewtonResult:
 
     @property
     def tangent_count(self) -> int:
-        """Number of factorised tangents, those of failed attempts included."""
+        """Number of iterations with a new tangent, including those of failed attempts."""
         earlier = sum(attempt.tangent_count for attempt in self.failed_attempts)
         return earlier + self._own_tangent_count
 
@@ -70,12 +71,14 @@ class NewtonResult:
         return sum(iteration.has_new_tangent for iteration in self.iterations)
 
     def as_failed_attempts(self, solver: str) -> tuple[FailedAttempt, ...]:
-        """Return this result, behind its own failed attempts, as those of a later result.
+        """Return the failed attempts of this result, followed by a record of the result itself.
+
+        A later result stores them as its `failed_attempts`.
 
         Parameters
         ----------
         solver : str
-            The name of the solver that this result is of.
+            Name of the solver that returned this result.
         """
         attempt = FailedAttempt(
             solver,
@@ -88,23 +91,23 @@ class NewtonResult:
 
 @dataclass(frozen=True)
 class NewtonStep:
-    """A Newton step."""
+    """A Newton step: its start, the full step, and the length that is made of it."""
 
-    q: Array  #: Unknowns where it starts, (unknowns,).
-    state: State  #: The state there.
-    direction: Array  #: The full step, (unknowns,).
-    slope: float  #: Derivative of the energy along the full step in J.
-    size: float  #: Relative size of the full step in the energy norm.
-    length: float = 1.0  #: Part of the full step that is made.
+    q: Array  #: Unknowns before the step, shape (unknowns,).
+    state: State  #: State at `q`.
+    direction: Array  #: The full step, shape (unknowns,).
+    slope: float  #: Derivative of the energy at `q` along the full step, in J.
+    size: float  #: Energy norm of the full step, relative to that of the displacement.
+    length: float = 1.0  #: Factor on the full step.
 
     @property
     def change(self) -> Array:
-        """Change of the unknowns, (unknowns,)."""
+        """Change of the unknowns in the step, shape (unknowns,)."""
         return self.length * self.direction
 
 
 class NewtonVariant(ABC):
-    """A variant of Newton's method: its tangents, step lengths and end.
+    """Base class of Newton variants, which choose tangents, step lengths and when to end.
 
     Parameters
     ----------
@@ -113,7 +116,7 @@ class NewtonVariant(ABC):
     """
 
     max_iterations = 60
-    #: Factors of the tangent at the solution, when the iteration has converged.
+    #: Factors of a tangent near the solution; the variant sets them before it reports convergence.
     factors: SuperLU | None = None
 
     def __init__(self, equilibrium: Equilibrium) -> None:
@@ -121,7 +124,7 @@ class NewtonVariant(ABC):
 
     @abstractmethod
     def choose_tangent(self, state: State, iterations: Sequence[Iteration]) -> FactorisedTangent:
-        """Return the tangent for the next step: a new one, or one of an earlier state.
+        """Return the factorised tangent for the next step, new or from an earlier state.
 
         Parameters
         ----------
@@ -141,46 +144,48 @@ class NewtonVariant(ABC):
         state : State
             The state there.
         slope : float
-            Derivative of the energy along the full step in J, the negative of its squared norm.
+            Derivative of the energy along the full step in J: minus the squared norm of the step.
 
         Returns
         -------
         float
-            The norm over that of the displacement; infinite where that is zero.
+            Norm of the step divided by that of the displacement; infinite if the latter is zero.
         """
         squared_norm = abs(self.compute_squared_norm(q, state))
         return float(np.sqrt(abs(slope) / squared_norm)) if squared_norm > 0.0 else np.inf
 
     def compute_squared_norm(self, q: Array, state: State) -> float:
-        """Compute the squared energy norm of a displacement in J: here the work of the loads.
+        """Compute the squared energy norm in J that steps are compared with: the work of the loads.
+
+        It may be negative. Subclasses may override it.
 
         Parameters
         ----------
         q : ndarray, shape (unknowns,)
             Unknowns of the displacement.
         state : State
-            Its state.
+            State at `q`.
         """
         return self.equilibrium.work(state, q)
 
     def choose_length(self, step: NewtonStep) -> float:
-        """Choose the part of a full step that is made; here all of it."""
+        """Return the factor on the full step. Default: 1. Subclasses may override it."""
         return 1.0
 
     @abstractmethod
     def find_end(
         self, step: NewtonStep, state: State, iterations: Sequence[Iteration]
     ) -> Status | None:
-        """Return the status with which the iteration ends after a step; None to go on.
+        """Return the status if the iteration ends after a step; None to continue.
 
         Parameters
         ----------
         step : NewtonStep
             The last step.
         state : State
-            The state where it ends.
+            State after the step.
         iterations : sequence of Iteration
-            The iterations so far, with that of the step.
+            The iterations so far, including the last step.
         """
 
 
@@ -191,15 +196,17 @@ def run_newton(variant: NewtonVariant, q: Array) -> NewtonResult:
     Parameters
     ----------
     variant : NewtonVariant
-        The equations, and the choice of tangents, step lengths and the end.
+        The equations, and the choice of tangents, step lengths and end. It stores what it has to
+        remember from step to step, so each solve needs a new object.
     q : ndarray, shape (unknowns,)
         Initial guess.
 
     Returns
     -------
     NewtonResult
-        Its status is `Status.CONVERGED`, the variant's reason to give up, `Status.SINGULAR` for an
-        exactly singular tangent, or `Status.MAX_ITERATIONS`, also where the steps diverge.
+        The status is the one that the variant returned, or `Status.SINGULAR` if a tangent is
+        exactly singular, or `Status.MAX_ITERATIONS` if there are too many iterations or a
+        floating-point overflow.
     """
     equilibrium = variant.equilibrium
     iterations: list[Iteration] = []
@@ -228,9 +235,9 @@ def run_newton(variant: NewtonVariant, q: Array) -> NewtonResult:
             q = q + change
             state = equilibrium.state(q)
             status = variant.find_end(step, state, iterations)
-    except FloatingPointError:  # the steps diverge
+    except FloatingPointError:  # the steps diverged
         status = Status.MAX_ITERATIONS
-    except RuntimeError:  # SuperLU: exactly singular
+    except RuntimeError:  # raised by SuperLU: "Factor is exactly singular"
         status = Status.SINGULAR
     if status is None:
         status = Status.MAX_ITERATIONS
@@ -239,7 +246,7 @@ def run_newton(variant: NewtonVariant, q: Array) -> NewtonResult:
 
 
 def _log_iteration(variant: NewtonVariant, iterations: Sequence[Iteration]) -> None:
-    """Log the last iteration."""
+    """Log the last iteration at level DEBUG."""
     if not logger.isEnabledFor(logging.DEBUG):
         return
     last = iterations[-1]

@@ -1,4 +1,4 @@
-"""Whether a state is an equilibrium, and whether it is a stable one."""
+"""Tests of a solution: compressive stress, stability and balance of forces."""
 
 from __future__ import annotations
 
@@ -11,23 +11,27 @@ from pvdf_fem.solver.nonlinear.factors import count_negative_pivots
 
 
 def is_compressed(state: State) -> bool:
-    """Return whether a principal stress is compressive anywhere."""
+    """Return whether a principal stress is compressive at any quadrature point."""
     s11, s22, s12 = np.moveaxis(state.stress, -1, 0)
-    return bool(np.any((s11 + s22 < 0.0) | (s11 * s22 < s12**2)))
+    # both principal stresses are non-negative if trace and determinant are
+    has_negative_trace = s11 + s22 < 0.0
+    has_negative_determinant = s11 * s22 < s12**2
+    return bool(np.any(has_negative_trace | has_negative_determinant))
 
 
-def is_stable(equilibrium: Equilibrium, factors: SuperLU) -> bool:
-    """Return whether an equilibrium in compression may be a minimum of the energy.
+def may_be_stable(equilibrium: Equilibrium, factors: SuperLU) -> bool:
+    """Return False if the tangent proves that a compressed equilibrium is unstable.
 
-    Its tangent decides in a plate. It cannot decide without an energy, nor in a membrane, where
-    every compressed equilibrium is unstable on a fine enough mesh; both count as stable here.
+    This is decided only for plates under conservative loads, by the negative pivots of the tangent.
+    Other films return True undecided: nonconservative loads have no energy to minimise, and for a
+    membrane in compression the signs of the pivots depend on the mesh.
 
     Parameters
     ----------
     equilibrium : Equilibrium
-        The equations.
+        The equations, for the film model and the kind of the loads.
     factors : SuperLU
-        Factors of their tangent at the equilibrium.
+        Factors of the tangent at the equilibrium; ignored if the film is not such a plate.
     """
     if not equilibrium.conservative or not equilibrium.model.bends:
         return True
@@ -35,24 +39,25 @@ def is_stable(equilibrium: Equilibrium, factors: SuperLU) -> bool:
 
 
 def is_balanced(equilibrium: Equilibrium, state: State, factors: SuperLU, allowed: float) -> bool:
-    """Return whether the forces balance.
+    """Return whether both the residual and the reaction of the rim are small enough.
 
     Parameters
     ----------
     equilibrium : Equilibrium
-        The equations.
+        The equations, for the residual and the loads.
     state : State
-        The state in question.
+        The state that is tested.
     factors : SuperLU
         Factors of a tangent near the state.
     allowed : float
-        Largest relative imbalance.
+        Maximum relative imbalance, for both measures.
 
     Notes
     -----
-    Two measures must be within `allowed`. By the residual R and the tangent K, the distance from
-    the solution in the energy norm is sqrt(R · K⁻¹ R), relative to the root of the loads' work. The
-    reaction of the rim shows load that the film does not transfer, relative to the whole load.
+    With the residual R and the tangent K, sqrt(|R · K⁻¹ R|) is the distance from the solution in
+    the energy norm; it is compared with the square root of the loads' work. The reaction of the rim
+    along the applied force must differ from that force by at most `allowed` times the sum of the
+    loads' magnitudes.
     """
     residual = equilibrium.residual(state)
     squared_distance = abs(float(residual @ factors.solve(residual)))

@@ -1,4 +1,4 @@
-"""The status of a solve, and advice on what to change where there is no result."""
+"""The status of a solve, and advice on what to change if there is no result."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class NotConvergedError(RuntimeError):
-    """Results of a solve that has none; the text has the status and what to change.
+    """Results were requested of a solve without any; the text says why and what to change.
 
     Examples
     --------
@@ -38,7 +38,7 @@ class Status(StrEnum):
 
     @property
     def advice(self) -> str:
-        """Return what the status means, and what to change."""
+        """Explanation of the status, with what to change in the scene unless it converged."""
         return ADVICE[self]
 
 

@@ -1,12 +1,14 @@
 """Newton's method for a film that wrinkles, and continuation from larger loads.
 
-The energy of the tension field is convex, but its second derivative jumps where the film begins to
-wrinkle. Under a small load the film is so stiff that the stresses of trial strains mean little. The
-geometric stiffness therefore takes the stress that the last step predicts, not the stress of the
-strain (Magisano, Leonetti, Garcea, Comput. Methods Appl. Mech. Eng. 313 (2017) 496-514).
+The energy of the tension field is convex, but its second derivative jumps at the onset of wrinkles.
+Under a small load the stress of an iterate is far from that of the solution, since the film is
+much stiffer in its plane than across it. The geometric stiffness is therefore computed from the
+stress that the last step predicts by linearisation, not from the stress of the iterate (Magisano,
+Leonetti, Garcea, Comput. Methods Appl. Mech. Eng. 313 (2017) 496-514).
 
-Larger loads pull a slack film taut. While the film is unloaded, it has stress, and therefore
-stiffness, wherever the next equilibrium needs them.
+If this does not converge, the loads are first increased until they pull the slack film taut, and
+then decreased step by step. Each equilibrium has stress, and therefore stiffness, in the parts of
+the film that carry the next smaller load.
 """
 
 from __future__ import annotations
@@ -34,12 +36,12 @@ from pvdf_fem.solver.nonlinear.status import Status
 
 
 def estimate_load_strain(scene: Scene) -> float:
-    """Estimate the magnitude of the strain by the loads in a flat film without tension.
+    """Estimate the magnitude of the strain that the loads cause in a film without pretension.
 
     Notes
     -----
-    (F/(E h a))^(2/3) with the sum F of all forces, and the film's mean stiffness E, thickness h and
-    radius a.
+    The strain is (F/(E h a))^(2/3) with the sum F of the forces, the radius a and the thickness h
+    of the film, and the mean E of the in-plane stiffness matrix without shear.
     """
     film = scene.film
     stiffness = film.thickness * film.stiffness[:2, :2].mean()
@@ -49,52 +51,55 @@ def estimate_load_strain(scene: Scene) -> float:
 
 
 def compute_excess_strain(scene: Scene) -> float:
-    """Compute by which strain a film is larger than its rim, in the direction with least excess."""
+    """Compute the strain by which a film is too large for its rim: the smaller of x and y.
+
+    It is negative if the film is stretched in either direction.
+    """
     return -float(scene.film.prestrain[:2].max())
 
 
-def is_barely_loaded(scene: Scene, share: float = 0.1) -> bool:
-    """Return whether the strain by the loads is small against a film's excess.
+def is_barely_loaded(scene: Scene, max_fraction: float = 0.1) -> bool:
+    """Return whether the loads are too small to pull a slack film taut.
 
-    The tension then runs in narrow lines, whose width is about the root of the ratio times the
-    film's radius.
+    The tension is then concentrated in narrow lines, whose width is about the film's radius times
+    the square root of the ratio of load strain and excess strain.
 
     Parameters
     ----------
     scene : Scene
-        The scene.
-    share : float, optional
-        Share of the excess in every direction below which the strain is small.
+        The scene with the loads and the film.
+    max_fraction : float, optional
+        Fraction of `compute_excess_strain` below which the strain by the loads counts as small.
     """
-    return estimate_load_strain(scene) < share * compute_excess_strain(scene)
+    return estimate_load_strain(scene) < max_fraction * compute_excess_strain(scene)
 
 
 @dataclass(frozen=True)
 class WrinklingOptions:
-    """When Newton's method for a film that wrinkles goes on, and when it gives up."""
+    """Damping, line search and iteration limit of Newton's method for a film that wrinkles."""
 
-    #: Artificial tension that holds slack film in a step, over the mean tension and the relative
-    #: size of the last step.
+    #: Artificial tension that stabilises slack film in a step, divided by the mean tension and by
+    #: the relative size of the last step (at most 1).
     damping: float = 1e-2
     max_iterations: int = 25
-    #: The line search ends where the energy's slope is at most this share of the initial slope.
+    #: The line search ends if the slope of the energy is below this fraction of the initial slope.
     line_search_slope: float = 0.5
-    line_search_trials: int = 6
-    #: The line search cuts at least this share off either end of its interval.
+    line_search_trials: int = 6  #: Maximum number of step lengths tried after the full step.
+    #: Each trial shortens the interval of the line search by at least this fraction at either end.
     line_search_cut: float = 0.1
 
 
 class PredictedStressNewton(NewtonVariant):
-    """Newton's method for a film that wrinkles, whose tangents take predicted stresses.
+    """Newton's method for a film that wrinkles, with tangents at predicted stresses.
 
     Parameters
     ----------
     equilibrium : Equilibrium
         The equations to solve.
     tolerance : float
-        Relative size of the last step in the energy norm.
+        The iteration ends after a step below this relative size in the energy norm.
     options : WrinklingOptions, optional
-        Damping, line search, and when to give up.
+        Damping, line search and iteration limit.
     """
 
     def __init__(
@@ -108,27 +113,31 @@ class PredictedStressNewton(NewtonVariant):
         self._last_size = self.options.damping
 
     def choose_tangent(self, state: State, iterations: Sequence[Iteration]) -> FactorisedTangent:
-        """Return the tangent with the predicted stress, damped until steps are small."""
+        """Factorise a tangent with the predicted stress and an artificial tension.
+
+        The first tangent has the stress of `state`. The tension falls with the size of the steps.
+        """
         stress = state.stress if self._predicted_stress is None else self._predicted_stress
         damping = self.options.damping * min(self._last_size, 1.0)
         predicted = self.equilibrium.membrane.with_predicted_stress(state, stress, damping)
         return FactorisedTangent(factorise(self.equilibrium.tangent(predicted)))
 
     def measure_step(self, q: Array, state: State, slope: float) -> float:
-        """Compute the relative size of a full step in the energy norm, and keep it."""
+        """Compute the relative size of a full step, and store it for the damping of the next."""
         self._last_size = super().measure_step(q, state, slope)
         return self._last_size
 
     def compute_squared_norm(self, q: Array, state: State) -> float:
-        """Compute the smaller of the loads' work and twice the energy in J."""
+        """Compute the smaller of the loads' work and twice the membrane's energy, in J."""
         work = super().compute_squared_norm(q, state)
         return min(work, 2.0 * self.equilibrium.membrane.energy(state))
 
     def choose_length(self, step: NewtonStep) -> float:
-        """Choose where the energy along a full step nearly stops falling.
+        """Choose a step length near the minimum of the energy along the full step.
 
-        The energy is convex, so that a single zero of its slope is searched by regula falsi. All of
-        the step is made where the energy still falls at its end, or where there is no energy.
+        The energy is convex, so that its slope has at most one zero, which is approximated by
+        regula falsi. The full step is made if the energy hardly rises at its end, or if
+        nonconservative loads leave no energy to minimise.
         """
         if not self.equilibrium.conservative:
             return 1.0
@@ -157,14 +166,17 @@ class PredictedStressNewton(NewtonVariant):
         return length
 
     def _compute_slope(self, step: NewtonStep, length: float) -> float:
-        """Compute the derivative of the energy in J by the length of a step."""
+        """Compute the derivative of the energy with respect to the step length, in J."""
         state = self.equilibrium.state(step.q + length * step.direction)
         return float(self.equilibrium.residual(state) @ step.direction)
 
     def find_end(
         self, step: NewtonStep, state: State, iterations: Sequence[Iteration]
     ) -> Status | None:
-        """End after a step below the tolerance; otherwise predict the stress of the next."""
+        """Return `Status.CONVERGED` after a step below the tolerance, and set `factors`.
+
+        The predicted stress for the next tangent is stored in any case.
+        """
         self._predicted_stress = self._predict_stress(step)
         if not step.size < self.tolerance:
             return None
@@ -172,7 +184,13 @@ class PredictedStressNewton(NewtonVariant):
         return Status.CONVERGED
 
     def _predict_stress(self, step: NewtonStep) -> Array:
-        """Compute the stress in Pa of the strain linearised in the step, (elements, points, 3)."""
+        """Compute the stress of the strain that is linearised in the step.
+
+        Returns
+        -------
+        ndarray, shape (elements, points, 3)
+            Stress in Pa, at the quadrature points.
+        """
         x = self.equilibrium.unknowns.expand(step.change)
         gradient = self.equilibrium.space.displacement_gradient(x)
         strain_change = compute_strain_rate(step.state.deformation_gradient, gradient)
@@ -184,36 +202,38 @@ def continue_from_larger_loads(
     tolerance: float,
     *,
     affordable_iterations: int,
-    most_iterations: int = 300,
+    max_iterations: int = 300,
     passing_tolerance: float = 0.1,
     ratio: float = 8.0,
 ) -> NewtonResult:
     """Find the equilibrium under dead loads from equilibria under larger loads.
 
-    Loads decrease from the first that makes strains as large as the film's excess, or that is large
-    enough for Newton's method to converge from the deflection of a linear membrane.
+    The first load is large enough that its strain equals the film's excess strain. It is increased
+    until Newton's method converges from the deflection of a linear membrane. Then the load
+    decreases to the given one, each time starting from the last equilibrium.
 
     Parameters
     ----------
     equilibrium : Equilibrium
         The equations, with dead loads.
     tolerance : float
-        Relative size of the last step in the energy norm.
-    affordable_iterations, most_iterations : int
-        Limits of the number of Newton iterations, of which the smaller holds. The last equilibrium
-        may take all that remain.
+        Relative size of the last Newton step under the given load, in the energy norm.
+    affordable_iterations, max_iterations : int
+        The smaller one limits the total number of Newton iterations. It is checked between loads,
+        so the last of the larger loads may exceed it.
     passing_tolerance : float, optional
-        Relative size of the last step to an equilibrium under a larger load.
+        Relative size of the last Newton step under larger loads.
     ratio : float, optional
-        Ratio of two successive loads. It becomes its root when the equilibrium under the second is
-        not found. Strains change by its power 2/3.
+        Ratio of successive loads. After a failed decrease, the square root of the last ratio is
+        used from then on.
 
     Returns
     -------
     NewtonResult
-        The last result, with the iterations under all loads.
+        The last result, with the iterations under all loads. The status is `Status.CONVERGED`, or
+        `Status.MAX_ITERATIONS` after any failure.
     """
-    most = min(affordable_iterations, most_iterations)
+    max_total = min(affordable_iterations, max_iterations)
     growth = ratio
     factor = _compute_taut_factor(equilibrium.scene)
     solved_factor = factor
@@ -223,7 +243,7 @@ def continue_from_larger_loads(
         is_last_load = factor == 1.0
         loaded = equilibrium.with_scaled_loads(factor)
         if is_last_load:
-            options = WrinklingOptions(max_iterations=most - len(iterations))
+            options = WrinklingOptions(max_iterations=max_total - len(iterations))
             variant = PredictedStressNewton(loaded, tolerance, options=options)
         else:
             variant = PredictedStressNewton(loaded, passing_tolerance)
@@ -231,7 +251,7 @@ def continue_from_larger_loads(
         result = run_newton(variant, initial_guess)
         iterations.extend(result.iterations)
         has_converged = result.converged and is_last_load
-        if has_converged or len(iterations) >= most:
+        if has_converged or len(iterations) >= max_total:
             break
         if result.converged:
             solved_q = result.q
@@ -247,7 +267,10 @@ def continue_from_larger_loads(
 
 
 def _compute_taut_factor(scene: Scene) -> float:
-    """Compute the factor on the loads, at least 1, that makes their strain the film's excess."""
+    """Compute the factor on the loads at which their strain equals the film's excess strain.
+
+    It is at least 1, and 1 if there are no loads.
+    """
     strain = estimate_load_strain(scene)
     excess = compute_excess_strain(scene)
     if not 0.0 < strain < excess:

@@ -24,7 +24,7 @@ class RayRule(NamedTuple):
 
 @dataclass(frozen=True)
 class PolarGrid:
-    """Polar grid of points ρ (cos θ, sin θ) about a probe.
+    """Polar grid of points ρ (cos θ, sin θ) in mm in the frame of a probe.
 
     Notes
     -----
@@ -122,7 +122,7 @@ class PolarGrid:
         outward = 2.0 * np.cumsum(integrals_by_step, axis=-2) / edges_mm**2
         at_probe = samples[..., :1, :].mean(axis=-1, keepdims=True)
         middle = np.broadcast_to(at_probe, outward[..., :1, :].shape)
-        # The means at negative ρ are those on the opposite ray.
+        # The means at negative ρ, in ascending order, are those on the opposite ray.
         nearest = outward[..., PADDING_STEPS - 1 :: -1, :]
         behind = np.roll(nearest, self.angle_count // 2, axis=-1)
         return np.concatenate([behind, middle, outward], axis=-2)

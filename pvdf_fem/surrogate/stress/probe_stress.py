@@ -74,7 +74,9 @@ def mesh_probe(
     film_size : float, optional
         Maximum element size, divided by the film's radius.
     """
-    pressed = (collect_outlines(scene) | estimate_contact_outlines(scene))[PROBE]
+    # The estimated contact of a tip replaces the outline of the probe.
+    outlines = collect_outlines(scene) | estimate_contact_outlines(scene)
+    pressed = outlines[PROBE]
     edge = ratio * edge_size * float(np.sqrt(pressed.area))
     largest = ratio * film_size * scene.film.radius
     sizes = GradedSizes({PROBE: edge}, ratio * growth, largest)
