@@ -16,40 +16,41 @@ from pvdf_fem.problem.equilibrium import Equilibrium
 
 @dataclass(frozen=True, eq=False)
 class ContactResult:
-    """Forces, areas and pressures of a tip in contact with the film.
+    """Forces, areas and pressures of a rigid tip in contact with the film.
 
-    Areas are those of the touching film; pressures are per area of the deformed film. The lateral
-    force and the moments, about axes through the tip's lowest point, are borne by the tip's guide.
+    Areas are those of the part of the film that the tip touches; pressures are per area of the
+    deformed film. Moments are about the tip's lowest point. The guide of the tip bears the lateral
+    force and the moments.
     """
 
     depth_mm: float  #: Depth of the tip's lowest point.
     force_N: float  #: Force of the tip on the film along z.
     lateral_N: Array  #: Force of the film on the tip along x and y, shape (2,).
     moments_N_mm: Array  #: Moments of the film on the tip about axes along x and y, shape (2,).
-    area_mm2: float  #: Area of the undeformed film.
+    area_mm2: float  #: Contact area on the undeformed film.
     area_error_mm2: float  #: Estimated error of `area_mm2`.
-    projected_area_mm2: float  #: Area of the deformed film, projected along z.
+    projected_area_mm2: float  #: Contact area on the deformed film, projected along z.
     #: Points on the undeformed film along the contact's edge, shape (n, 2).
     edge_mm: Array = field(repr=False)
-    mean_pressure_MPa: float  #: The force divided by the projected area.
+    mean_pressure_MPa: float  #: `force_N` divided by `projected_area_mm2`.
     least_pressure_MPa: float  #: Minimum at the touching quadrature points.
     largest_pressure_MPa: float  #: Maximum at the touching quadrature points.
     overlap_mm: float  #: Maximum overlap of film and tip, which the penalty allows.
 
     def to_json(self) -> dict[str, Any]:
-        """Return the values for JSON, without the points of the edge."""
+        """Return the values as numbers and lists for JSON, without the points of the edge."""
         table = {**vars(self)}
         table.pop("edge_mm")
         return {key: np.asarray(value).tolist() for key, value in table.items()}
 
     @classmethod
     def from_state(cls, tip: RigidTip, state: State, thickness: float) -> Self:
-        """Compute the result of a tip's contact from a state.
+        """Compute the forces, areas and pressures of a tip from the state of the film.
 
         Parameters
         ----------
         tip : RigidTip
-            The tip, which touches the film.
+            The tip, which must touch the film in this state.
         state : State
             The state of the whole film, not of a sector.
         thickness : float
@@ -94,12 +95,15 @@ class ContactResult:
 
 
 def select_tips(equilibrium: Equilibrium) -> list[RigidTip]:
-    """Select the tips among the terms of an equilibrium."""
+    """Select the rigid tips among the terms of an equilibrium."""
     return [term for term in equilibrium.terms if isinstance(term, RigidTip)]
 
 
 def compute_contact_results(equilibrium: Equilibrium, state: State) -> dict[str, ContactResult]:
-    """Compute the contact results of all tips, by the names of their patches."""
+    """Compute the contact results of all rigid tips, by the names of their subdomains.
+
+    All tips must touch the film, and `equilibrium` must be on the whole film.
+    """
     thickness = equilibrium.film.thickness
     return {
         tip.spec.patch: ContactResult.from_state(tip, state, thickness)
@@ -108,7 +112,7 @@ def compute_contact_results(equilibrium: Equilibrium, state: State) -> dict[str,
 
 
 def compute_contact_pressure(equilibrium: Equilibrium, state: State) -> Array:
-    """Compute the pressure of tips on the deformed film.
+    """Compute the pressure of all rigid tips per area of the deformed film.
 
     Returns
     -------

@@ -17,7 +17,7 @@ class Effects:
 
     @classmethod
     def sort(cls, notes: Iterable[EffectNote]) -> Effects:
-        """Sort notes into included and neglected effects, in their order."""
+        """Sort the texts of notes into included and neglected effects, each in the given order."""
         included = []
         neglected = []
         for note in notes:

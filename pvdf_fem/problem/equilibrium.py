@@ -71,6 +71,7 @@ class Equilibrium:
         self.clamped = self._find_clamped_dofs()
 
     def _make_terms(self) -> list[Term]:
+        """Make the terms; those of bending are last, since they depend on the others."""
         terms: list[Term] = [self.membrane]
         terms += make_loads(self.film, self.problem.loads, self.space, self.sector)
         for electrode in self.problem.floating_electrodes:
@@ -79,6 +80,7 @@ class Equilibrium:
         return terms
 
     def _find_clamped_dofs(self) -> Indices:
+        """Find the dofs that stay zero: all at the rim, the normal ones on mirror lines."""
         rim = self.space.basis.get_dofs(RIM).all()
         clamped = [(3 * rim[:, None] + np.arange(3)).ravel()]
         for axis in self.sector.mirror_axes:
@@ -87,20 +89,23 @@ class Equilibrium:
         return np.concatenate(clamped)
 
     def at_order(self, order: int) -> Equilibrium:
-        """Return the equations of the same problem and mesh in elements of another order."""
+        """Return the equations of this problem and mesh in elements of another order."""
         return Equilibrium(self.problem, self.space.mesh, order, sector=self.sector)
 
     def on_whole_film(self, mesh: MeshTri2) -> Equilibrium:
-        """Return the equations of the same problem and order on a mesh of the whole film."""
+        """Return the equations of this problem and order on a mesh of the whole film."""
         return Equilibrium(self.problem, mesh, self.space.order)
 
     def of_problem(self, problem: Problem) -> Equilibrium:
-        """Return the equations of another problem in the same finite-element space."""
+        """Return the equations of another problem in this finite-element space and sector."""
         space = self.space
         return Equilibrium(problem, space.mesh, space.order, sector=self.sector, space=space)
 
     def with_terms(self, terms: Iterable[Term]) -> Equilibrium:
-        """Return a copy of the equations with other terms; the first one is the membrane."""
+        """Return a copy of the equations with other terms, the first of which is the membrane.
+
+        The copy does not take over cached values that depend on the terms.
+        """
         other = copy(self)
         for name in ("unknowns", "assembly", "flat_forces", "_forces_without_load"):
             other.__dict__.pop(name, None)
@@ -108,7 +113,7 @@ class Equilibrium:
         return other
 
     def map_terms(self, change: Callable[[Term], Term]) -> Equilibrium:
-        """Return a copy of the equations with every term replaced by `change` of it."""
+        """Return a copy of the equations in which every term is replaced by ``change(term)``."""
         return self.with_terms(change(term) for term in self.terms)
 
     def with_scaled_loads(self, factor: float) -> Equilibrium:
@@ -126,26 +131,26 @@ class Equilibrium:
 
     @property
     def force(self) -> float:
-        """Sum of the magnitudes of the loads' forces in N."""
+        """Sum of the magnitudes of all loads' forces on the whole film in N."""
         return sum(term.force for term in self.terms if isinstance(term, LoadTerm))
 
     @property
     def conservative(self) -> bool:
-        """Whether the forces of all terms are derivatives of an energy."""
+        """Whether the residual of every term is the derivative of an energy."""
         return all(term.conservative for term in self.terms)
 
     @cached_property
     def unknowns(self) -> Unknowns:
-        """The map from unknowns to dofs."""
+        """The linear map from unknowns to dofs, given the constraints of rim and terms."""
         return Unknowns.from_terms(self.space, self.clamped, self.terms)
 
     @cached_property
     def assembly(self) -> Assembly:
-        """The assembler of element matrices to matrices for the unknowns."""
+        """The assembler of element matrices to sparse matrices for the unknowns."""
         return Assembly(self.space, self.unknowns)
 
     def dofs(self, q: Array) -> Array:
-        """Map unknowns `q` to dofs."""
+        """Map unknowns `q`, shape (unknowns,), to dofs, shape (dofs,)."""
         return self.unknowns.expand(q)
 
     def restrict(self, x: Array) -> Array:
@@ -153,13 +158,16 @@ class Equilibrium:
         return self.unknowns.restrict(x)
 
     def complete_initial_guess(self, x: Array) -> Array:
-        """Return unknowns near the dofs `x`, changed by every term to a better initial guess."""
+        """Return unknowns near the dofs `x`, which every term has improved as an initial guess."""
         for term in self.terms:
             x = term.complete_initial_guess(x)
         return self.restrict(x)
 
     def state(self, q: Array) -> State:
-        """Return deformation gradient, strain and stress at unknowns `q`."""
+        """Compute deformation gradient, strain and stress at unknowns `q`.
+
+        The stress includes that by the voltages of floating electrodes, unless the film wrinkles.
+        """
         state = self.membrane.state(self.dofs(q))
         if not self.problem.floating_electrodes or self.model.wrinkles:
             return state  # the solver for wrinkles needs the constitutive stress, without voltages
@@ -172,7 +180,9 @@ class Equilibrium:
         return replace(state, stress=state.stress + added, added=added)
 
     def film_forces(self, state: State) -> Array:
-        """Return the internal minus the external forces at the dofs in N, with reactions.
+        """Return the internal minus the external forces at all dofs in N.
+
+        At equilibrium, only the reactions at constrained dofs differ from zero.
 
         Returns
         -------
@@ -194,7 +204,10 @@ class Equilibrium:
         return self.unknowns.fold(self.film_forces(state))
 
     def tangent(self, state: State) -> sp.csc_matrix | LowRankUpdate:
-        """Return the derivative of `residual` with respect to the unknowns in N/m."""
+        """Return the derivative of `residual` with respect to the unknowns in N/m.
+
+        It is a sparse matrix, or a `LowRankUpdate` of one if terms have rank-one parts.
+        """
         sparse = self.sparse_tangent(state)
         columns = []
         for term in self.terms:
@@ -206,7 +219,7 @@ class Equilibrium:
         return LowRankUpdate(sparse, self.unknowns.fold(np.transpose(columns)))
 
     def sparse_tangent(self, state: State) -> sp.csc_matrix:
-        """Return the sparse part of the tangent, without the rank-one parts of terms."""
+        """Assemble the tangent in N/m without the rank-one parts of terms."""
         first, *others = self.terms
         local = first.element_tangent(state)
         assert local is not None  # the membrane has every element
@@ -216,10 +229,12 @@ class Equilibrium:
             if by_term is not None:
                 elements, values = by_term
                 matrices[elements] += values
-        return self.with_coupled(self.assembly.matrix(matrices), state)
+        return self._add_coupled_tangents(self.assembly.matrix(matrices), state)
 
-    def with_coupled(self, matrix: sp.csc_matrix, state: State) -> sp.csc_matrix:
-        """Return a matrix plus the parts of the tangent that couple dofs of several elements.
+    def _add_coupled_tangents(self, matrix: sp.csc_matrix, state: State) -> sp.csc_matrix:
+        """Return a matrix plus the `coupled_tangent` of every term that has one.
+
+        These are parts of the tangent that couple dofs of several elements.
 
         Parameters
         ----------
@@ -235,9 +250,9 @@ class Equilibrium:
         return matrix
 
     def element_action(self, state: State, step: Array) -> Array:
-        """Multiply the element tangents by a step, without forming them.
+        """Multiply the element tangents by a step of the unknowns in m, without forming them.
 
-        Follower loads are left out, so that the element tangents are symmetric.
+        The tangents of nonconservative loads are left out, so that the product is symmetric.
 
         Returns
         -------
@@ -248,7 +263,9 @@ class Equilibrium:
         return _add_existing(term.element_action(state, x) for term in self.terms)
 
     def action(self, state: State, step: Array) -> Array:
-        """Multiply the tangent, without follower loads, by a step; return forces in N.
+        """Multiply the tangent by a step of the unknowns in m; return forces in N.
+
+        The tangents of nonconservative loads are left out.
 
         Returns
         -------
@@ -258,7 +275,10 @@ class Equilibrium:
         return self.unknowns.fold(_add_existing(term.action(state, x) for term in self.terms))
 
     def diagonal(self, state: State) -> Array:
-        """Return the diagonal of the tangent, without coupling of dofs that share an unknown.
+        """Return an approximate diagonal of the tangent in N/m, to scale the unknowns.
+
+        It lacks the coupling of dofs that share an unknown, and the tangents of nonconservative
+        loads.
 
         Returns
         -------
@@ -270,7 +290,8 @@ class Equilibrium:
     def energy_along(self, state: State, step: Array, slope: float) -> Array:
         """Return the potential energy along a step as a polynomial of fourth degree.
 
-        Follower forces are held constant.
+        The forces of nonconservative loads are held constant. For a wrinkling film the polynomial
+        is an approximation.
 
         Parameters
         ----------
@@ -279,7 +300,8 @@ class Equilibrium:
         step : ndarray, shape (unknowns,)
             The step in m.
         slope : float
-            The scalar product of residual and step in J.
+            The scalar product of residual and step in J, which replaces the computed coefficient
+            of s.
 
         Returns
         -------
@@ -298,30 +320,34 @@ class Equilibrium:
 
     @cached_property
     def _flat_state(self) -> State:
+        """The state of the membrane without displacement."""
         return self.membrane.state(np.zeros(self.space.dof_count))
 
     @cached_property
     def _forces_without_load(self) -> Array:
-        """The part of `flat_forces` due to a stress that is not uniform, without the loads."""
+        """The part of `flat_forces` that is not by loads, but by a nonuniform stress, in N."""
         return self.flat_forces - self.unknowns.fold(self.load_forces(self._flat_state))
 
     @property
     def is_flat(self) -> bool:
-        """Whether the flat film is in equilibrium."""
+        """Whether the flat film is in equilibrium: all `flat_forces` are exactly zero."""
         return not self.flat_forces.any()
 
     def work(self, state: State, q: Array) -> float:
-        """Return the work along `q` in J by the loads at a state and by a nonuniform prestress."""
+        """Return the work in J of the forces that move the film along the displacement `q`.
+
+        These are the loads at `state` and the forces of a nonuniform stress in the flat film.
+        """
         loads = self.unknowns.fold(self.load_forces(state))
         return float((loads + self._forces_without_load) @ q)
 
     @property
     def is_abrupt(self) -> bool:
-        """Whether a term changes abruptly, so that it has a relaxed approximation."""
+        """Whether a term has a relaxed approximation, since it changes abruptly like contact."""
         return any(term.relaxed() is not term for term in self.terms)
 
     def load_forces(self, state: State) -> Array:
-        """Return the external forces at the dofs in N.
+        """Return the sum of all loads' forces at the dofs in N.
 
         Returns
         -------
@@ -334,26 +360,33 @@ class Equilibrium:
         return forces
 
     def rim_reaction(self, state: State) -> Array:
-        """Return the force by which rim and guides of punches hold the film in N.
+        """Return the force in N by which the rim and the guides of punches hold the film.
+
+        It is summed over the fixed dofs, and on a sector over its reflections.
 
         Returns
         -------
         ndarray, shape (3,)
+            Components in the scene's axes.
         """
         is_fixed = self.unknowns.of_dof == FIXED
         return self._sum_reflections(np.where(is_fixed, self.film_forces(state), 0.0))
 
     def applied_force(self, state: State) -> Array:
-        """Return the force of all loads in N.
+        """Return the resultant of all loads on the whole film in N.
 
         Returns
         -------
         ndarray, shape (3,)
+            Components in the scene's axes.
         """
         return self._sum_reflections(self.load_forces(state))
 
     def imbalance(self, state: State) -> float:
-        """Return the imbalance between rim and loads along the applied force in N."""
+        """Return the absolute sum of rim reaction and applied force, along the latter, in N.
+
+        It is 0 without an applied force.
+        """
         applied = self.applied_force(state)
         size = float(np.linalg.norm(applied))
         if size == 0.0:
@@ -362,7 +395,13 @@ class Equilibrium:
         return abs(float(along)) / size
 
     def _sum_reflections(self, forces: Array) -> Array:
-        """Sum forces on dofs over all reflections; return N in the scene's axes, shape (3,)."""
+        """Sum forces at dofs, shape (dofs,), over all nodes and over all reflections of the sector.
+
+        Returns
+        -------
+        ndarray, shape (3,)
+            The resultant on the whole film in N, in the scene's axes.
+        """
         signs = self.sector.signs
         total = forces.reshape(-1, 3).sum(axis=0)
         total *= [*signs.sum(axis=0), len(signs)]

@@ -32,9 +32,9 @@ MECHANICAL_EFFECTS = (Affects.MECHANICS, Affects.OUTLINE, Affects.PRESTRAIN, Aff
 
 
 class MechanicalKey(NamedTuple):
-    """A key that is equal for problems whose films have the same deformation."""
+    """A text that is equal for problems whose films deform equally, apart from their orientation."""
 
-    #: The key. It includes the tolerance and the limits of the numerics.
+    #: The text. It includes the tolerance and the limits of the numerics.
     text: str
     #: Orthogonal matrix from the scene's axes to axes in which the probes of all problems with
     #: this text coincide, shape (2, 2).
@@ -42,7 +42,7 @@ class MechanicalKey(NamedTuple):
 
 
 def compute_mechanical_key(problem: Problem) -> MechanicalKey:
-    """Compute the key that problems with the same deformation have in common.
+    """Compute the key that problems have in common if one mechanical solution serves all of them.
 
     Parameters
     ----------
@@ -81,23 +81,28 @@ def compute_mechanical_key(problem: Problem) -> MechanicalKey:
 
 
 def describe_mechanics(problem: Problem, scene: Scene | None = None) -> str:
-    """Describe everything that the deformation depends on, without use of symmetry.
+    """Return a text of everything that the deformation depends on.
+
+    Unlike in `compute_mechanical_key`, problems that differ by a rotation, a reflection or a scale
+    factor have different texts.
 
     Parameters
     ----------
     problem : Problem
-        The problem.
+        The problem, which gives the weight of the film and whether it bends.
     scene : Scene, optional
-        A scene in place of the problem's own, such as one with its probe moved to the centre.
+        A scene for all other values in place of the problem's own, such as one with its probe moved
+        to the centre.
     """
     tables = select_by_effect(problem.scene if scene is None else scene, *MECHANICAL_EFFECTS)
     return f"{tables} {problem.scene.film.weight} {problem.film.bends}"
 
 
 def _can_be_rotated(scene: Scene) -> bool:
-    """Return whether a rotated or scaled scene can be equivalent to a scene.
+    """Return whether rotation, reflection or scaling of a scene can give an equivalent scene.
 
-    This holds for a homogeneous film under a single uniform load without lateral force, or none.
+    This holds for a homogeneous film under the uniform load of a single probe without tangential
+    force, or without a probe, if no load acts on the whole film.
     """
     film = scene.film
     if film.is_inhomogeneous or film.distributed_force:
@@ -110,12 +115,14 @@ def _can_be_rotated(scene: Scene) -> bool:
 
 @lru_cache(maxsize=4096)
 def _find_canonical_pose(probe: Probe, radius: float, isotropy: str) -> tuple[str, Array]:
-    """Find the canonical pose among the equivalent poses of a probe.
+    """Choose one of the poses of a probe that are equivalent by the symmetry of the film.
+
+    Equivalent probes get the same pose, which is called the canonical one.
 
     Parameters
     ----------
     probe : Probe
-        The probe.
+        The probe, which gives the outline.
     radius : float
         Radius of the film in m.
     isotropy : str
@@ -124,10 +131,10 @@ def _find_canonical_pose(probe: Probe, radius: float, isotropy: str) -> tuple[st
     Returns
     -------
     pose : str
-        Outline of the probe in the canonical pose, relative to the film's radius.
+        Text of the outline in the canonical pose, with lengths divided by the film's radius.
     frame : ndarray, shape (2, 2)
-        Orthogonal matrix that moves the probe there. For a symmetric probe there are several; this
-        is the one with the smallest rotation.
+        Orthogonal matrix that moves the probe to the canonical pose. For a symmetric probe there
+        are several; this is the one with the largest trace, which has the smallest rotation.
     """
     outline = probe.outline
     points = outline.defining_points / radius
@@ -143,7 +150,17 @@ def _find_canonical_pose(probe: Probe, radius: float, isotropy: str) -> tuple[st
 
 
 def _list_frames(points: Array, centre: Array, isotropy: str) -> list[Array]:
-    """List rotations and reflections of the film that may bring a probe to its canonical pose."""
+    """List rotations and reflections of the film that may bring a probe to its canonical pose.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 2)
+        Defining points of the probe's outline, divided by the film's radius.
+    centre : ndarray, shape (2,)
+        Centroid of the outline, divided by the film's radius.
+    isotropy : str
+        Symmetry of the film, see `classify_isotropy`.
+    """
     if isotropy != "isotropic":
         flips = [np.diag(signs) for signs in product((1.0, -1.0), repeat=2)]
         if isotropy == "axes":
@@ -159,7 +176,7 @@ def _list_frames(points: Array, centre: Array, isotropy: str) -> list[Array]:
 
 
 def _rotate_to_x_axis(point: Array) -> Array:
-    """Return the rotation that brings a point to the positive x axis."""
+    """Return the rotation that brings a point to the positive x axis; identity at the origin."""
     distance = np.linalg.norm(point)
     if distance < 10.0**-DIGITS:
         return np.eye(2)

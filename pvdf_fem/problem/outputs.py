@@ -38,9 +38,10 @@ class Output:
 
     @property
     def charge_coefficients(self) -> Array:
-        """Derivatives of the charge with respect to X and Y by strain alone, in C/N, shape (2,).
+        """Derivatives of the charge with respect to X and Y in C/N, shape (2,).
 
-        They differ from d31 and d32 if the electrode's voltage adds stress.
+        X and Y are here the stress integrals by strain alone, without the stress by the electrode's
+        own voltage. If this voltage acts on the film, the derivatives differ from d31 and d32.
         """
         d = np.array(self.d)
         if self.floating is None:
@@ -48,7 +49,7 @@ class Output:
         return d + d @ self.floating.coupling_matrix
 
     def to_mesh_axes(self, points: Array) -> Array:
-        """Transform points, shape (..., 2), from the axes of the scene to those of the mesh."""
+        """Rotate or reflect points, shape (..., 2), from the scene's axes to those of the mesh."""
         return points @ self.frame.T
 
     @cached_property
@@ -58,7 +59,7 @@ class Output:
 
     @cached_property
     def directions(self) -> Array:
-        """Weights of S11, S22, S12 in the normal stress along the scene's x and y, shape (2, 3)."""
+        """Weights of S11, S22, S12 in the mesh's axes in the scene's S11 and S22, shape (2, 3)."""
         along_x, along_y = self.frame
         weights = [along_x * along_x, along_y * along_y, 2.0 * along_x * along_y]
         return np.stack(weights, axis=-1)
@@ -72,7 +73,7 @@ class Output:
 
     @property
     def corners(self) -> Array:
-        """Corners of a rectangular electrode in m, in the axes of its scene, shape (4, 2)."""
+        """Corners of the outline in m, in the axes of its scene: shape (4, 2) if it has edges."""
         return self.outline.corners
 
     def find_elements(self, mesh: MeshTri2) -> Indices:
@@ -80,9 +81,10 @@ class Output:
         return mesh.subdomains[self.patch]
 
     def reflect(self, sector: SymmetrySector) -> list[Output]:
-        """Return the reflections of the electrode onto a sector.
+        """Return copies of the electrode for the identity and each reflection of a sector.
 
-        Their stress integrals on the sector add up to those of the electrode on the whole film.
+        The stress integrals of the copies over the sector add up to those of the electrode over the
+        whole film. Without mirror lines, the list contains the electrode itself.
         """
         if not sector.mirror_axes:
             return [self]
@@ -105,7 +107,7 @@ def make_outputs(
     Parameters
     ----------
     scene : Scene
-        The scene.
+        The scene, for its electrodes, piezoelectric coefficients and observable.
     floating_electrodes : sequence of FloatingElectrode, optional
         Electrodes whose voltages act on the film.
 
@@ -131,12 +133,12 @@ def make_outputs(
 def reflect_outputs(
     outputs: Sequence[Output], sector: SymmetrySector
 ) -> tuple[list[Output], Indices]:
-    """Reflect outputs onto a sector of the film.
+    """Collect the reflections of outputs onto a sector of the film, see `Output.reflect`.
 
     Returns
     -------
     reflections : list of Output
-        All reflections of all outputs.
+        All reflections, including the identity, of the first output, then of the next ones.
     owners : ndarray of int, shape (reflections,)
         Index of the output that each reflection belongs to.
     """
@@ -148,7 +150,7 @@ def reflect_outputs(
 
 
 def output_areas(outputs: Sequence[Output]) -> Array:
-    """Return the areas of the outlines in m^2.
+    """Return the areas of the outputs' outlines in m².
 
     Returns
     -------

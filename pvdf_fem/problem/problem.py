@@ -80,12 +80,12 @@ class Problem(Result):
         pressure: Pressure | None = None,
         outputs: Sequence[Output] | None = None,
     ) -> Problem:
-        """Resolve a scene.
+        """Make the problem of a scene: choose the film model, and read the pressure profiles.
 
         Parameters
         ----------
         scene : Scene, path of its file, dict of its tables, or a result of it
-            What is to be solved.
+            The scene to solve.
         pressure : callable, optional
             ``p(x_mm, y_mm)`` in place of the load's profile, see `pvdf_fem.solve`.
         outputs : sequence of Output, optional
@@ -109,7 +109,10 @@ class Problem(Result):
         return cls(pinned, film, pressure=pressure, requested_outputs=requested)
 
     def with_scene(self, scene: Scene) -> Problem:
-        """Return the problem of another scene with the same pressure and requested outputs."""
+        """Return the problem of another scene with this one's pressure and requested outputs.
+
+        The pressure profiles in files of the scene are not read again.
+        """
         return replace(self, scene=scene, film=resolve_film_model(scene))
 
     @cached_property
@@ -119,7 +122,7 @@ class Problem(Result):
 
     @cached_property
     def floating_electrodes(self) -> tuple[FloatingElectrode, ...]:
-        """Electrodes whose voltages act on the film."""
+        """Electrodes whose voltages act on the film; empty if this coupling is neglected."""
         return find_coupled_electrodes(self.scene)
 
     @property
@@ -136,7 +139,11 @@ class Problem(Result):
 
     @cached_property
     def sector(self) -> SymmetrySector:
-        """The sector of a symmetric film whose reflections make the whole, or the whole film."""
+        """The symmetry sector that is solved in place of the whole film.
+
+        It is the whole film if it has no symmetry, under a rigid tip, under a probe that tilts freely, under a pressure in
+        Python, with electrodes that act on the film, and if the film's model does not use symmetry.
+        """
         leaning = any(load.load.tilt == "free" for load in self.scene.loaded_probes)
         if self.scene.tips or leaning or self.pressure is not None:
             return WHOLE_FILM
@@ -148,7 +155,7 @@ class Problem(Result):
     def unloaded_scene(self) -> Scene:
         """The scene of the film before it is loaded, warms or carries voltages.
 
-        It bends if the loaded film does.
+        Its film is a plate if that of the loaded scene is.
         """
         choices = {"bending": self.film.bends, "coupling": False}
         film = self.scene.film.reference_state.model_copy(update=choices)
@@ -157,6 +164,7 @@ class Problem(Result):
 
     @cached_property
     def _unloaded(self) -> Problem:
+        """The problem of the unloaded film; this problem itself if nothing loads the film."""
         if self.unloaded_scene == self.scene:
             return self
         return Problem(self.unloaded_scene, resolve_film_model(self.unloaded_scene))
@@ -177,16 +185,16 @@ class Problem(Result):
 
     @property
     def unloaded(self) -> Problem | None:
-        """The problem of the unloaded film, where its charges need a solve; None elsewhere."""
+        """The problem of the unloaded film; None if its stress is uniform and needs no solve."""
         return self._unloaded if self.unloaded_stress is None else None
 
     @property
     def unloaded_outputs(self) -> tuple[Output, ...]:
-        """The outputs of the unloaded film."""
+        """Outputs of the problem of the unloaded film: electrodes without voltages."""
         return self._unloaded.outputs
 
     def check_profiles(self) -> None:
-        """Evaluate every pressure profile once, to report an unusable one before meshing.
+        """Evaluate every pressure profile under its probe, to report an unusable one early.
 
         Raises
         ------
@@ -198,12 +206,12 @@ class Problem(Result):
             make_profile(load).mean(load.outline.equal_area_polygon)
 
     def describe_effects(self, charges_pC: Charges = None) -> Effects:
-        """Describe the effects beyond the plain membrane, with their sizes.
+        """Describe the effects beyond the plain membrane, with estimates of their sizes.
 
         Parameters
         ----------
         charges_pC : mapping, optional
-            Charges by electrode; sizes are given relative to them as well.
+            Charge in pC by name of electrode. If given, added charges are compared to it.
 
         Returns
         -------
@@ -224,7 +232,7 @@ class Problem(Result):
         return Effects.sort(notes)
 
     def summary(self) -> Summary:
-        """Summarize what is going to be solved, and why, without meshing or solving."""
+        """Summarize the choices, effects and warnings of the problem without meshing or solving."""
         film = self.scene.film
         choices = {
             "film": f"{film.radius_mm:g} mm radius, {film.thickness_um:g} µm thick",
@@ -248,7 +256,10 @@ class Problem(Result):
         return f"{self.film_model_name}, {self._describe_loads()}, {self._describe_outputs()}"
 
     def to_json(self) -> dict[str, Any]:
-        """Return the choices as plain values."""
+        """Return the choices, effects and warnings as plain values.
+
+        ``outputs`` are the names of the scene's electrodes, even if other outputs are requested.
+        """
         effects = self.describe_effects()
         return {
             "film_model": self.film_model_name,

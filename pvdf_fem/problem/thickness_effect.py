@@ -32,25 +32,26 @@ def describe_thickness_effect(
     floating_electrodes: Sequence[FloatingElectrode],
     charges_pC: Charges = None,
 ) -> Iterator[EffectNote]:
-    """Describe the charge by d33: whether it is included, and its size.
+    """Yield notes on the charge that pressure on the film's face adds by d33.
 
     Parameters
     ----------
     scene : Scene
-        The scene.
+        The scene, for its film and electrodes.
     loads : sequence of LoadSpec
-        Its loaded probes.
+        Loaded probes of the scene.
     floating_electrodes : sequence of FloatingElectrode
         Electrodes whose voltages act on the film.
     charges_pC : mapping, optional
-        Charges in pC by electrode, to which the size is compared.
+        Charge in pC by name of electrode, to which the added charge is compared.
 
     Yields
     ------
     EffectNote
-        The charge by d33 on the electrode that is pressed most; for a film without d33 it is
-        estimated with a typical value of PVDF. A second note is about the neglected effect of this
-        charge on floating electrodes. Nothing is yielded if no electrode is pressed.
+        First a note on the charge of the electrode that is pressed most. If the film has no d33,
+        the charge is neglected, and estimated with a typical d33 of PVDF. Then, if the film has d33
+        and floating electrodes, a note that the effect of this charge on the film is neglected.
+        Nothing is yielded if no electrode is pressed.
     """
     film = scene.film
     electrodes = scene.electrode_list
@@ -82,12 +83,13 @@ def _estimate_forces_on_electrodes(
 ) -> Array:
     """Estimate the force of a probe on every electrode.
 
-    A dead pressure is distributed by its profile; a rigid probe presses mainly along its edge.
+    A fraction of the force, which depends on the kind of load, is distributed along the edge of the
+    pressed area. The rest is distributed over the area, as the load's profile says.
 
     Parameters
     ----------
     scene : Scene
-        The scene.
+        The scene, for its film.
     load : LoadSpec
         The probe and its load.
     polygons : ndarray of shapely.Polygon, shape (electrodes,)
