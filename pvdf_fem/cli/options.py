@@ -199,9 +199,10 @@ def describe_unknown_argument(words: Sequence[str], parser: argparse.ArgumentPar
     word = words[0]
     if not word.startswith("-"):
         return f"{word}: is one argument too many; remove it, or write --set KEY=VALUE"
-    option, has_value, value = word.partition("=")
-    if not has_value and len(words) > 1:
+    option, equals, value = word.partition("=")
+    if not equals and len(words) > 1:
         value = words[1]
+    # the name of a key with or without its unit: --force also stands for force_N
     key_with_unit = re.compile(rf"{re.escape(option.strip('-').replace('-', '_'))}(_\w+)?")
     for key in read_key_texts():
         is_in_list = key.table.startswith("[[")

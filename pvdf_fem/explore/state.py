@@ -97,8 +97,8 @@ class View:
         """Return a copy of the view with values that were typed or chosen on the page.
 
         If the scene does not allow the changes and a word was chosen for a key of `PARTNERS`, they
-        are tried again with each word for the partner key. For example, a sphere needs
-        ``load.kind = "contact"``.
+        are tried again with each word for the partner key, until they are allowed. For example, a
+        sphere needs ``load.kind = "contact"``.
 
         Parameters
         ----------

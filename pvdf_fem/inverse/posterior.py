@@ -135,7 +135,8 @@ def sample_posterior(
     problem : LocationProblem
         Measured charges and the response.
     touches : sequence of Touch
-        Maxima of the likelihood, about which samples are drawn.
+        Maxima of the likelihood, about which samples are drawn according to the covariances and
+        weights of the touches.
     draws : int
         Number of samples that are drawn, of which those outside of the response's domain and those
         more than half a period of the rotation from their maximum are discarded.

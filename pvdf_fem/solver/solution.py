@@ -1,4 +1,4 @@
-"""The solution of a scene: status, charges with errors, and the history of the solve."""
+"""The solution of a scene: status, charges with errors, fields, and the history of the solve."""
 
 from __future__ import annotations
 
@@ -41,7 +41,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(ElectrodeCharges):
-    """How a solve ended and, if it converged, its fields and charges.
+    """The outcome of a solve: its status and, if it converged, charges and fields.
+
+    Charges, fields and other results raise `NotConvergedError` without convergence.
 
     Attributes
     ----------
@@ -54,20 +56,21 @@ class Solution(ElectrodeCharges):
     stop : Stop
         Why no further mesh was made.
     history : tuple of MeshRecord
-        Every mesh with its unknowns, iterations, worst error and seconds.
+        Records of the meshes, with unknowns, iterations, largest error and seconds.
     iterations : tuple of Iteration
-        Newton's iterations on the last mesh.
+        Newton iterations of the solve that led to the result.
     neglected, included : tuple of str
-        Effects that the model neglects in this scene, and those that it includes beyond the
-        membrane.
+        Effects that the model neglects in this scene, with their estimated sizes, and effects that
+        it includes in addition to those of a membrane.
     warnings : tuple of str
-        Where the solution is beyond the limits of the model.
+        Warnings, such as of a solution beyond the limits of the model.
     seconds : dict
         Wall-clock time in s of ``mesh``, ``solve``, ``estimate`` and ``refine``, and ``total``.
     unloaded_integrals : StressIntegrals or None
-        Stress integrals of the electrodes on the unloaded film; None where it has no result.
+        Stress integrals of the electrodes on the unloaded film; None if it has no result.
     uncertainty : Uncertainty or None
-        Standard deviations by the scene's uncertain numbers, see `pvdf_fem.uncertainty`.
+        Standard deviations of the charges due to uncertain numbers of the scene, see
+        `pvdf_fem.uncertainty`; None without uncertain numbers.
 
     Examples
     --------
@@ -92,41 +95,44 @@ class Solution(ElectrodeCharges):
 
     @property
     def pressure(self) -> Pressure | None:
-        """The pressure in Python in place of the scene's ``load.profile``, if there is one."""
+        """The pressure function that replaces ``load.profile``; None if there is none."""
         return self.problem.pressure
 
     @property
     def discrete(self) -> DiscreteSolution:
-        """The converged solution on its mesh; `NotConvergedError` without one."""
+        """The converged solution on its mesh; raises `NotConvergedError` if there is none."""
         if self._discrete is None or self.status is not Status.CONVERGED:
             raise NotConvergedError(f"{self.status}: {self.reason}")
         return self._discrete
 
     @property
     def mesh(self) -> MeshTri2:
-        """Mesh in m, with the patches as subdomains."""
+        """Mesh of the whole film in m, with the patches as subdomains."""
         return self.discrete.equilibrium.space.mesh
 
     @property
     def basis(self) -> Basis:
-        """Scalar basis of each displacement component."""
+        """Scalar basis on `mesh` that all three displacement components use."""
         return self.discrete.equilibrium.space.basis
 
     @property
     def displacement(self) -> Array:
-        """Displacement u, v, w in m at the dofs of `basis`, (dofs, 3)."""
+        """Displacement u, v, w in m at the dofs of `basis`, shape (dofs, 3)."""
         return self.discrete.displacement.reshape(-1, 3)
 
     @property
     def deflection_max_mm(self) -> float:
-        """Largest deflection in mm."""
+        """Largest absolute deflection in mm, also between the nodes."""
         discrete = self.discrete
         deflection = discrete.solved_dofs[2::3]
         return 1e3 * find_largest_value(discrete.solved.space.basis, deflection)
 
     @property
     def punches(self) -> dict[str, PunchTilt]:
-        """Tilts and moments of rigid punches, by patch: ``probe``, or ``probe 1``, ``probe 2``."""
+        """Tilts and moments of rigid punches by patch: ``probe``, or ``probe 1``, ``probe 2``.
+
+        It is empty without rigid punches.
+        """
         equilibrium = self.discrete.equilibrium
         state = self.discrete.state
         forces = equilibrium.film_forces(state)
@@ -141,14 +147,14 @@ class Solution(ElectrodeCharges):
 
     @property
     def contacts(self) -> dict[str, ContactResult]:
-        """Contacts of tips, by patch: ``probe``, or ``probe 1``, ``probe 2``."""
+        """Contacts of tips by patch, ``probe`` or ``probe 1``, ``probe 2``; empty without tips."""
         return self.discrete.contacts
 
     @property
     def force_balance(self) -> float:
-        """Imbalance of rim reaction and applied force, along the applied force and relative to it.
+        """Relative difference of the rim's reaction and the applied force, along this force.
 
-        It is 0 without an applied force.
+        It is 0 if the total applied force is zero.
         """
         equilibrium = self.discrete.solved
         state = self.discrete.solved_state
@@ -157,7 +163,10 @@ class Solution(ElectrodeCharges):
 
     @property
     def unknowns(self) -> int:
-        """Number of equations on the last mesh, which may cover a sector of the film only."""
+        """Number of equations on the mesh of the result; 0 if there is no mesh.
+
+        The mesh may cover only a symmetry sector of the film.
+        """
         return self._discrete.solved.unknowns.count if self._discrete else 0
 
     def at(
@@ -168,46 +177,49 @@ class Solution(ElectrodeCharges):
         Parameters
         ----------
         x_mm, y_mm : float or array_like
-            Coordinates in mm, whose shapes broadcast.
+            Coordinates in mm, which are broadcast against each other.
         outside : str, optional
-            ``"nan"`` gives NaN at points that are not on the film.
+            ``"refuse"`` raises an exception for points that are not on the film; ``"nan"`` returns
+            NaN there.
 
         Returns
         -------
         PointValues
+            Displacement, slopes, strain, stress and charge density at the points.
 
         Raises
         ------
         ValueError
-            For a point that is not on the film, unless `outside` is ``"nan"``.
+            If a point is not on the film, unless `outside` is ``"nan"``.
         """
         discrete = self.discrete
         return evaluate_at(discrete.equilibrium, discrete.state, x_mm, y_mm, outside=outside)
 
     def along(self, line_mm: ArrayLike, points: int = 200) -> PointValues:
-        """Evaluate the fields at equally spaced points on a line.
+        """Evaluate the fields at points along a line.
 
         Parameters
         ----------
         line_mm : array_like, shape (corners, 2)
             Two or more corners ``((x0, y0), (x1, y1), ...)`` in mm.
         points : int, optional
-            Number of points, ends included.
+            Number of points, including both ends.
 
         Returns
         -------
         PointValues
+            Values as from `at`.
         """
         discrete = self.discrete
         return evaluate_along(discrete.equilibrium, discrete.state, line_mm, points=points)
 
     def to_xarray(self, step_mm: float = 0.5) -> xarray.Dataset:
-        """Evaluate the fields on a square grid about the film's centre, NaN off the film.
+        """Evaluate the fields on a square grid that covers the film, with NaN outside the film.
 
         Parameters
         ----------
-        step_mm : float
-            Distance of the grid's points in mm.
+        step_mm : float, optional
+            Distance between neighbouring points in mm.
 
         Returns
         -------
@@ -222,7 +234,10 @@ class Solution(ElectrodeCharges):
         return make_field_dataset(values, self.scene.to_toml())
 
     def to_json(self) -> dict[str, Any]:
-        """Return what ``pvdf-fem solve --json`` prints; without results unless converged."""
+        """Return the dict that ``pvdf-fem solve --json`` prints.
+
+        It has a ``reason`` in place of charges and other results if the solve did not converge.
+        """
         results: dict[str, Any] = {"reason": self.reason}
         if self.status is Status.CONVERGED:
             results = self._results_to_json()
@@ -241,7 +256,10 @@ class Solution(ElectrodeCharges):
         }
 
     def _results_to_json(self) -> dict[str, Any]:
-        """Return the results of a converged solve for JSON."""
+        """Return charges and other results of a converged solve for JSON.
+
+        Charges that are NaN for any electrode are None.
+        """
         results: dict[str, Any] = {}
         for name in CHARGE_PROPERTIES:
             results[name] = _none_if_unknown(getattr(self, name))
@@ -286,12 +304,12 @@ class Solution(ElectrodeCharges):
         ----------
         quantity : str, optional
             ``deflection``, ``stress`` (S11 + S22), ``charge density``, ``principal directions``,
-            ``mesh``, ``error`` (shares of the elements in errors of charges) or ``contact``
-            (pressure of tips). Fields of both signs are white at zero.
+            ``mesh``, ``error`` (contributions of elements to the errors of charges) or
+            ``contact`` (pressure of tips). Fields with both signs are white at zero.
         ax : Axes, optional
             Axes to draw on, by default those of a new figure.
         reach_mm : float, optional
-            Half the width of the map in mm, by default the whole film.
+            Half the width of the map in mm. By default the map shows the whole film.
 
         Returns
         -------
@@ -300,7 +318,7 @@ class Solution(ElectrodeCharges):
         Raises
         ------
         ValueError
-            For another quantity, or one that this scene does not have.
+            If the quantity is unknown or this scene does not have it.
         """
         from pvdf_fem.view.film_map import draw_film_map
 
@@ -312,34 +330,36 @@ class Solution(ElectrodeCharges):
         scale: float | None = None,
         html: str | Path | None = None,
     ) -> Plotter:
-        """Draw the deflected film in 3-D; it needs ``pip install pvdf-fem[view]``.
+        """Draw the deflected film in 3-D; this needs ``pip install pvdf-fem[view]``.
 
         Parameters
         ----------
         quantity : str, optional
-            Colour of the film, a field of `plot`.
+            Field that colours the film, one of the fields of `plot`.
         scale : float, optional
-            Factor on the displacements, by default one that makes the film a quarter of its radius
-            deep.
+            Factor on the displacements. By default the largest is drawn as a quarter of the radius.
         html : path, optional
-            Where to write a page that any browser shows without a server.
+            File to which the view is also written as a page for any browser, without a server.
 
         Returns
         -------
         Plotter
-            Its ``show()`` opens a window, or shows the film in a notebook.
+            Call ``show()`` to open a window, or to show the film in a notebook.
 
         Raises
         ------
         ImportError
-            Where nothing can be rendered; the text has what to install.
+            If rendering is not possible; the text says what to install.
         """
         from pvdf_fem.view.film_view import make_film_view
 
         return make_film_view(self.film_data(), quantity, scale=scale, html=html)
 
     def to_dataframe(self) -> DataFrame:
-        """Return charges in pC and, with ``[readout]``, readings in V, by electrode."""
+        """Return a table with a row for each electrode: charges and errors in pC.
+
+        With ``[readout]`` there are also readings in V.
+        """
         from pandas import DataFrame
 
         names = list(CHARGE_PROPERTIES)
@@ -355,8 +375,11 @@ class Solution(ElectrodeCharges):
         write_vtu(self.film_data(), coerce("path", path, Path))
 
     def film_data(self) -> FilmData:
-        """Return the fields and charges for `plot`, `view` and `to_vtu`."""
-        # it imports the solvers, which nothing else here needs
+        """Return the fields and charges that `plot`, `view` and `to_vtu` show.
+
+        The contributions of elements to errors are computed only when they are used.
+        """
+        # imported here since it imports the solvers, which the rest of this module does not need
         from pvdf_fem.solver.estimate.next_order import compute_error_contributions
 
         discrete = self.discrete
@@ -375,6 +398,6 @@ class Solution(ElectrodeCharges):
 
 
 def _none_if_unknown(values: dict[str, float]) -> dict[str, float] | None:
-    """Return values for JSON, which has no NaN: None where one is unknown."""
+    """Return values for JSON, which has no NaN: None instead of all if any value is NaN."""
     is_unknown = any(math.isnan(value) for value in values.values())
     return None if is_unknown else values

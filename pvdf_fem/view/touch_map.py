@@ -117,7 +117,7 @@ def draw_likelihood_map(
     stage = scene.stage or Stage()
     centre = np.array([stage.x_mm, stage.y_mm])
     best = touches[0]
-    best_place = np.array([best["x_mm"], best["y_mm"]])
+    best_position = np.array([best["x_mm"], best["y_mm"]])
     deviations = best["standard_deviations"]
     half_width = min(6.0 * max(deviations["x_mm"], deviations["y_mm"]), reach_mm)
     with use_style():
@@ -128,9 +128,9 @@ def draw_likelihood_map(
         filled = _draw_likelihood(film, deviation, raster)
         draw_sensor_on_stage(film, scene, MARGIN * reach_mm)
         ticks = np.linspace(-half_width, half_width, 41)
-        raster = np.stack(np.meshgrid(ticks, ticks), axis=-1) + best_place
+        raster = np.stack(np.meshgrid(ticks, ticks), axis=-1) + best_position
         _draw_likelihood(near, deviation, raster)
-        near.set(xlim=best_place[0] + ticks[[0, -1]], ylim=best_place[1] + ticks[[0, -1]])
+        near.set(xlim=best_position[0] + ticks[[0, -1]], ylim=best_position[1] + ticks[[0, -1]])
         near.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
         near.plot(*compute_deviation_ellipse(best).T, color=COLOURS[1])
         for ax in (film, near):
@@ -178,9 +178,9 @@ def draw_touch_ellipses(
                 prefix = x_key.removesuffix("x_mm")
                 ellipse = compute_deviation_ellipse(touch, x_key)
                 ax.plot(*ellipse.T, color=COLOURS[1], alpha=opacity)
-                place = (touch[x_key], touch[f"{prefix}y_mm"])
+                position = (touch[x_key], touch[f"{prefix}y_mm"])
                 force = f"{touch[f'{prefix}force_N']:.3g} N"
-                ax.annotate(force, place, (5, 5), textcoords="offset points", alpha=opacity)
+                ax.annotate(force, position, (5, 5), textcoords="offset points", alpha=opacity)
         ax.set_title("Touches with ellipses of one σ")
         return get_figure(ax)
 
@@ -214,12 +214,13 @@ def compute_deviation_ellipse(
     names = list(touch["standard_deviations"])
     rows = [names.index(key) for key in keys]
     covariance = np.array(touch["covariance"])[np.ix_(rows, rows)]
-    squares, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(squares, 0.0))
+    variances, directions = np.linalg.eigh(covariance)
+    # rounding errors may have made a variance of zero negative
+    root = directions * np.sqrt(np.maximum(variances, 0.0))
     angle = np.linspace(0.0, 2.0 * np.pi, points)
     offsets = root @ [np.cos(angle), np.sin(angle)]
-    place = [touch[key] for key in keys]
-    return np.asarray(place + offsets.T)
+    centre = [touch[key] for key in keys]
+    return np.asarray(centre + offsets.T)
 
 
 def _mark_touches(ax: Axes, touches: Sequence[Mapping[str, Any]]) -> None:
@@ -233,14 +234,14 @@ def _mark_touches(ax: Axes, touches: Sequence[Mapping[str, Any]]) -> None:
         Located touches as their `to_json` returns them. The weight is the posterior probability.
     """
     for number, touch in enumerate(touches):
-        place = (touch["x_mm"], touch["y_mm"])
+        position = (touch["x_mm"], touch["y_mm"])
         look: dict[str, Any] = {"color": COLOURS[1], "linestyle": "none"}
         if number == 0:
-            ax.plot(*place, marker="x", label="most likely", **look)
+            ax.plot(*position, marker="x", label="most likely", **look)
             continue
-        ax.plot(*place, marker="+", label="alternatives" if number == 1 else None, **look)
-        share = f"{100.0 * touch['weight']:.2g} %"
-        text = ax.annotate(share, place, (5, -11), textcoords="offset points")
+        ax.plot(*position, marker="+", label="alternatives" if number == 1 else None, **look)
+        weight = f"{100.0 * touch['weight']:.2g} %"
+        text = ax.annotate(weight, position, (5, -11), textcoords="offset points")
         text.set(clip_on=True, path_effects=[HALO])
 
 

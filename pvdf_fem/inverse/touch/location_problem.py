@@ -369,7 +369,7 @@ class LocationProblem:
             return coordinates
         projected = coordinates.copy()
         probes = self.view_by_probe(projected)
-        np.clip(probes[..., TouchColumn.FORCE], lowest, highest, probes[..., TouchColumn.FORCE])
+        probes[..., TouchColumn.FORCE] = probes[..., TouchColumn.FORCE].clip(lowest, highest)
         is_x_free, is_y_free = self._is_free[[TouchColumn.X, TouchColumn.Y]]
         if is_x_free == is_y_free:
             distance = np.hypot(probes[..., TouchColumn.X], probes[..., TouchColumn.Y])

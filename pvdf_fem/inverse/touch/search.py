@@ -51,8 +51,8 @@ class LocateOptions:
     #: of the force) only the one with the lowest chi-square is used.
     candidate_distances: tuple[float, ...] = (0.2, 0.2, 1e-9, 0.05)
     #: Estimated error of the linear step to a candidate, as a fraction of the charges. A candidate
-    #: is discarded if its √chi-square exceeds that of the best candidate by more than this error
-    #: in standard deviations plus √`max_excess`.
+    #: is discarded if its √chi-square exceeds that of the best candidate at its rotation by more
+    #: than this error in standard deviations plus √`max_excess`.
     neglected_fraction: float = 0.01
     retry_candidates: int = 8  #: Number of candidates of the second search in `locate_many`.
 
@@ -110,10 +110,11 @@ def search_everywhere(
 
     Notes
     -----
-    If the rotation and another quantity are unknown, first searches fix the rotation at each of
-    many values, and final searches with a free rotation begin at their end points. This is robust,
-    since rotating the probe by a few degrees changes the charges less than moving it by the pitch
-    of the coarse grid.
+    Candidates that are repeated, or much less likely than the best one of their rotation, are
+    discarded. If the rotation and another quantity are unknown, first searches fix the rotation at
+    each of many values, and final searches with a free rotation begin at their end points. This is
+    robust, since rotating the probe by a few degrees changes the charges less than moving it by the
+    pitch of the coarse grid.
     """
     fixed_rows = {column: np.array([value]) for column, value in fixed.items()}
     candidates = find_initial_candidates(

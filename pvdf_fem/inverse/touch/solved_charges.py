@@ -75,6 +75,7 @@ class SolvedResponse:
             Number of simultaneous touches, 1 or 2.
         unknown : sequence of str
             Names of the free quantities of every probe, without indices: keys of `LONGEST_STEPS`.
+            The rotation of a disc is fixed all the same.
         tolerance : float
             Relative tolerance of the charges of the solves.
         before_solve : callable

@@ -237,6 +237,7 @@ def _select_distinct(
         is_swapped = first_x > second_x
         ends.coordinates[is_swapped] = ends.coordinates[is_swapped][:, swapped_columns]
         ends.jacobian[is_swapped] = ends.jacobian[is_swapped][..., swapped_columns]
+    # A lower bound of chi-square if the scene could not be solved, up to the measured charges.
     chi_square_unsolved = np.square(UNSOLVED_PC / problem.deviations_pC).min()
     ends = ends.select(np.flatnonzero(ends.chi_square < 1e-6 * chi_square_unsolved))
     if not ends.coordinates.size:
@@ -360,7 +361,7 @@ def _list_combinations(tables: Sequence[SingleTouches]) -> Indices:
     ----------
     tables : sequence of SingleTouches
         Single touches of each of one or two probes. If both are the same object, the probes are
-        equal and a pair is listed once, without its exchange.
+        equal: a pair is listed once, without its exchange, and no touch is paired with itself.
 
     Returns
     -------

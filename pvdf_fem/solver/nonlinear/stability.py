@@ -13,7 +13,7 @@ from pvdf_fem.solver.nonlinear.factors import count_negative_pivots
 def is_compressed(state: State) -> bool:
     """Return whether a principal stress is compressive at any quadrature point."""
     s11, s22, s12 = np.moveaxis(state.stress, -1, 0)
-    # both principal stresses are non-negative if trace and determinant are
+    # both principal stresses are non-negative if and only if trace and determinant are
     has_negative_trace = s11 + s22 < 0.0
     has_negative_determinant = s11 * s22 < s12**2
     return bool(np.any(has_negative_trace | has_negative_determinant))

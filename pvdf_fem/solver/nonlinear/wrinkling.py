@@ -269,7 +269,7 @@ def continue_from_larger_loads(
 def _compute_taut_factor(scene: Scene) -> float:
     """Compute the factor on the loads at which their strain equals the film's excess strain.
 
-    It is at least 1, and 1 if there are no loads.
+    It is 1 if the strain is already larger, or if there are no loads.
     """
     strain = estimate_load_strain(scene)
     excess = compute_excess_strain(scene)

@@ -1,10 +1,11 @@
 """Adjoint solutions of the charges.
 
-A charge Q(x, θ) of the displacement x that solves R(x, θ) = 0 has the derivative::
+The displacement x solves the equilibrium equations R(x, θ) = 0 with a parameter θ. A charge Q(x, θ)
+has the total derivative::
 
     dQ/dθ = ∂Q/∂θ - λ · ∂R/∂θ,    K^T λ = ∂Q/∂x
 
-with the tangent K, so that one adjoint solve λ per electrode serves all parameters.
+with the tangent K = ∂R/∂x. One adjoint solution λ per charge is enough for all parameters.
 """
 
 from __future__ import annotations
@@ -36,14 +37,14 @@ from pvdf_fem.solver.solution import Solution
 
 @dataclass(frozen=True, eq=False)
 class Adjoint:
-    """A displacement of the whole film with the adjoint solutions of its charges."""
+    """A solution on the whole film, and the adjoint solutions λ of its charges."""
 
-    equilibrium: Equilibrium
-    outputs: Sequence[Output]
-    q: Array  #: Unknowns of the displacement, (unknowns,).
-    state: State  #: Fields of the displacement.
-    stress_integrals: Array  #: X and Y in N, (outputs, 2).
-    unknowns: Array  #: λ of the charges, (unknowns, outputs).
+    equilibrium: Equilibrium  #: Equations on the whole film.
+    outputs: Sequence[Output]  #: Outputs whose charges are differentiated.
+    q: Array  #: Unknowns of the solution, shape (unknowns,).
+    state: State  #: Deformation gradient, strain and stress at `q`.
+    stress_integrals: Array  #: X = ∫ S11 dA and Y = ∫ S22 dA in N, shape (outputs, 2).
+    unknowns: Array  #: λ at the unknowns, shape (unknowns, outputs).
 
     @classmethod
     def solve(
@@ -53,18 +54,18 @@ class Adjoint:
         q: Array,
         factors: SuperLU,
     ) -> Adjoint:
-        """Solve the adjoint equations, once per output.
+        """Solve the adjoint equations at a solution, with one right-hand side per output.
 
         Parameters
         ----------
         equilibrium : Equilibrium
             Equations on the whole film.
         outputs : sequence of Output
-            The charges.
+            Outputs whose charges are differentiated.
         q : ndarray, shape (unknowns,)
-            The solution of the equations.
+            Solution of `equilibrium`.
         factors : SuperLU
-            Factors of the tangent there.
+            Factors of the tangent at `q`.
         """
         membrane = equilibrium.membrane
         state = equilibrium.state(q)
@@ -82,30 +83,30 @@ class Adjoint:
 
     @classmethod
     def of_solution(cls, solution: FactorisedSolution, outputs: Sequence[Output]) -> Adjoint:
-        """Solve the adjoint equations of a factorised solution."""
+        """Solve the adjoint equations at a solution whose tangent is already factorised."""
         equilibrium, q, factors = solution
         return cls.solve(equilibrium, outputs, q=q, factors=factors)
 
     @cached_property
     def dofs(self) -> Array:
-        """λ at the dofs, (dofs, outputs)."""
+        """λ at the dofs, shape (dofs, outputs)."""
         columns = [self.equilibrium.dofs(column) for column in self.unknowns.T]
         return np.stack(columns, axis=-1)
 
     def evaluate_lagrangian(self, other: Equilibrium) -> Array:
-        """Evaluate Q - λ · R by other equations on the mesh, at the same unknowns.
+        """Evaluate Q - λ · R of a changed problem at the unknowns and λ of this solution.
 
-        Its difference by a parameter is the derivative of the charge.
+        The derivative of Q - λ · R with respect to a parameter is dQ/dθ of the charges.
 
         Parameters
         ----------
         other : Equilibrium
-            Equations of a problem with a changed parameter.
+            Equations with a changed parameter, on the same mesh.
 
         Returns
         -------
         ndarray, shape (outputs,)
-            In C.
+            Values in C.
         """
         integrals = compute_stress_integrals(self.outputs, other.membrane, other.dofs(self.q))
         charges = combine_charges(self.outputs, integrals)
@@ -113,7 +114,15 @@ class Adjoint:
 
 
 def solve_adjoints(solution: Solution) -> tuple[Adjoint, Adjoint]:
-    """Solve the adjoint equations of a solution, and those of the order above on the same mesh."""
+    """Solve the adjoint equations of a solution and of its correction in the next order.
+
+    Both are on the whole film and on the mesh of the solution.
+
+    Raises
+    ------
+    NotConvergedError
+        If the solution has not converged, or if there is no solution of the next order.
+    """
     outputs = solution.problem.outputs
     factorised = factorise_tangent(solution.discrete)
     correction = solve_next_order(factorised)

@@ -1,4 +1,4 @@
-"""Gradients: derivatives of charges by parameters of probes, loads and film, with errors."""
+"""Gradients: derivatives of charges with respect to keys of probes, loads and film, with errors."""
 
 from __future__ import annotations
 
@@ -28,25 +28,27 @@ from pvdf_fem.solver.solution import Solution
 from pvdf_fem.summary import Summary, TabularResult, TextTable, format_with_error
 
 TINY = np.finfo(float).tiny
-#: Share of its unit that a derivative counts as at least.
-NEGLIGIBLE_SHARE = 1e-3
+#: Relative errors refer to a derivative, or to this fraction of the charge divided by the scale of
+#: the parameter if the derivative is smaller.
+NEGLIGIBLE_FRACTION = 1e-3
 
 
 class Gradients(TabularResult, ValuesByName[dict[str, float]]):
-    """Derivatives of total charges by key and electrode, in pC per unit of the key.
+    """Derivatives of total charges: a dict by key of dicts by electrode, in pC per unit of the key.
 
     Attributes
     ----------
     errors : dict of dict of float
-        Estimated absolute errors by the discretisation, by key and electrode.
+        Estimated absolute discretisation errors, by key and electrode, in the same units.
     relative_errors : dict of float
-        By key the largest error over the largest derivative of any electrode, since one derivative
-        may vanish by cancellation. Where all nearly vanish, the error is relative to a thousandth
-        of the largest charge per scale of the parameter. That scale is the perimeter of the probe
-        over 2 pi for a place, a radian for an angle, the magnitude of the force for its components,
-        and otherwise the parameter's value.
+        For each key the largest error of any electrode divided by the largest derivative of any
+        electrode. If all derivatives nearly vanish, the divisor is a thousandth of the largest
+        charge divided by the scale of the parameter. This scale is the perimeter of the probe
+        divided by 2 pi for a position, a radian for an angle, the magnitude of the force for its
+        components, and otherwise the value of the parameter.
     solution : Solution
-        The solution whose charges are differentiated.
+        The solution whose charges are differentiated, which may be on a finer mesh than the one
+        that was given.
     """
 
     errors: dict[str, dict[str, float]]
@@ -54,7 +56,10 @@ class Gradients(TabularResult, ValuesByName[dict[str, float]]):
     solution: Solution
 
     def columns(self) -> dict[str, list[Any]]:
-        """Return the parameters, and each electrode's derivatives and errors by parameter."""
+        """Return columns of a table with a row for each parameter.
+
+        They are the parameters, and for each electrode the derivatives and their errors.
+        """
         columns: dict[str, list[Any]] = {"parameter": list(self)}
         for name in self.solution.charges_pC:
             columns[name] = [derivatives[name] for derivatives in self.values()]
@@ -84,32 +89,32 @@ def gradients(
     *,
     tolerance: float | None = None,
 ) -> Gradients:
-    """Compute derivatives of charges by parameters of a scene, with estimated errors.
+    """Compute derivatives of total charges with respect to keys of a scene, with errors.
 
     Parameters
     ----------
     solution : Solution, or what `solve` takes for a scene
-        A converged solution, or a scene that is solved first.
+        A converged solution, or a scene, which is solved first.
     parameters : sequence of str, optional
-        Keys of the scene file as in `Scene.with_`, by default all that `list_parameters` returns.
+        Keys of the scene file as in `Scene.with_`; by default all keys with derivatives.
     tolerance : float, optional
-        Largest of the `Gradients.relative_errors` that is allowed. Where the solution's mesh leaves
-        larger ones, the scene is solved again to smaller errors of its charges. By default the
-        derivatives are those of the solution, whatever their errors.
+        Maximum of the `Gradients.relative_errors`. If they are larger, the scene is solved again,
+        more accurately, until they are not. By default the given solution is differentiated,
+        however large the errors are.
 
     Returns
     -------
     Gradients
-        A dict: for each key the derivatives by electrode, in pC per unit of the key, which is pC/mm
-        for ``probe.x_mm``.
+        A dict with a dict of derivatives by electrode for each key, in pC per unit of the key, such
+        as pC/mm for ``probe.x_mm``.
 
     Raises
     ------
     NotConvergedError
-        When the solution is not converged, or no mesh meets the tolerance.
+        If the solution has not converged, or if no mesh meets the tolerance.
     ValueError
-        For a key that `list_parameters` does not return, for a tolerance out of range, and for a
-        tolerance with a solution on a mesh that was given.
+        If charges have no derivative with respect to a key, if the tolerance is out of range, or if
+        there is a tolerance but the solution is on a mesh that was given.
 
     Examples
     --------
@@ -135,7 +140,7 @@ def gradients(
 
 
 def _check_parameters(problem: Problem, parameters: Sequence[str] | None) -> Sequence[str]:
-    """Return the requested keys; ValueError for one that charges have no derivative by."""
+    """Return the requested keys, by default all; ValueError for a key without derivatives."""
     differentiable = list_parameters(problem)
     if parameters is None:
         return differentiable
@@ -149,34 +154,37 @@ def _check_parameters(problem: Problem, parameters: Sequence[str] | None) -> Seq
 
 
 def _resolve_problem(solution: Solution | SceneLike) -> Problem:
-    """Return the problem of a solution, or resolve a scene."""
+    """Return the problem of a solution, or make that of a scene."""
     if isinstance(solution, Solution):
         return solution.problem
     return Problem.from_scene(as_scene(solution))
 
 
 def _solve_finer(
-    derivatives: Gradients, tolerance: float, *, least_tolerance: float = 2e-8
+    derivatives: Gradients, tolerance: float, *, min_charge_tolerance: float = 2e-8
 ) -> Solution:
-    """Solve a scene again with a finer tolerance of its charges.
+    """Solve a scene again with a smaller tolerance of its charges.
+
+    The tolerance is chosen as if the errors of the derivatives were proportional to it.
 
     Parameters
     ----------
     derivatives : Gradients
-        Derivatives whose errors are too large; they fall as those of the charges do.
+        Derivatives whose errors are too large, with the solution that they are from.
     tolerance : float
-        Largest relative error of derivatives that is allowed.
-    least_tolerance : float, optional
-        Tolerance of charges below which rounding allows no better mesh.
+        Maximum relative error of the derivatives.
+    min_charge_tolerance : float, optional
+        Smallest tolerance of charges that round-off permits.
 
     Returns
     -------
     Solution
+        A converged solution.
 
     Raises
     ------
     NotConvergedError
-        If the finer tolerance cannot be reached.
+        If the new tolerance is below `min_charge_tolerance`, or if the solve does not reach it.
     """
     errors = derivatives.relative_errors
     worst, key = max((error, key) for key, error in errors.items())
@@ -184,8 +192,8 @@ def _solve_finer(
     scene = problem.scene
     charge_tolerance = 0.5 * tolerance / worst * scene.numerics.tolerance
     reason = "rounding allows no better mesh"
-    if charge_tolerance > least_tolerance:
-        # a finer tolerance must not change whether the film bends or voltages act on it
+    if charge_tolerance > min_charge_tolerance:
+        # with a smaller tolerance, the problem might include bending or coupling: fix both choices
         choices = {
             "film.bending": problem.film.bends,
             "film.coupling": not problem.has_passive_electrodes,
@@ -203,14 +211,14 @@ def _solve_finer(
 
 
 def _differentiate(solution: Solution, requested: Sequence[str]) -> Gradients:
-    """Differentiate the charges of a solution.
+    """Compute the derivatives of the charges of a solution, and their errors.
 
     Parameters
     ----------
     solution : Solution
         A converged solution.
     requested : sequence of str
-        Keys of the scene file.
+        Keys of the result. All keys are differentiated, since errors depend on their mean.
     """
     problem = solution.problem
     scene = problem.scene
@@ -221,13 +229,13 @@ def _differentiate(solution: Solution, requested: Sequence[str]) -> Gradients:
 
     coefficients = np.abs([scene.film.d31, scene.film.d32])
     magnitudes = np.abs(adjoint.stress_integrals) @ coefficients
-    scales = np.array([[_find_scale(scene, key)] for key in keys])
+    scales = np.array([[_find_parameter_scale(scene, key)] for key in keys])
     units = magnitudes / scales
     changes = np.abs(better_rates - rates)
     errors = problem.film.mesh_policy.saturation * _estimate_errors(
         changes, units, magnitudes=magnitudes
     )
-    largest = np.maximum(np.abs(rates), NEGLIGIBLE_SHARE * units).max(axis=1, initial=TINY)
+    largest = np.maximum(np.abs(rates), NEGLIGIBLE_FRACTION * units).max(axis=1, initial=TINY)
 
     names = [electrode.name for electrode in scene.electrode_list]
     derivatives = Gradients()
@@ -247,27 +255,28 @@ def _estimate_errors(
     units: Array,
     *,
     magnitudes: Array,
-    least_share: float = 0.5,
+    min_fraction: float = 0.5,
     saturation: float = 1.5,
 ) -> Array:
-    """Estimate the errors of derivatives from their changes at the next order.
+    """Estimate the errors of derivatives from their changes in elements of the next order.
 
-    All derivatives share the error of the displacement, and a single change may vanish by chance. A
-    relative change therefore counts as at least a share of the mean over the parameters of its
-    electrode, and of the mean over all electrodes.
+    All derivatives have errors from the same displacement, and a single change may vanish by
+    chance. A relative change is therefore at least a fraction of the mean over the keys for its
+    electrode, and of the mean over all electrodes, weighted by their charges.
 
     Parameters
     ----------
     changes : ndarray, shape (keys, electrodes)
         Absolute changes in C per unit of the key.
     units : ndarray, shape (keys, electrodes)
-        Magnitude of each charge per scale of the parameter, which relative changes refer to.
+        Magnitude of each charge divided by the scale of the parameter; relative changes are changes
+        divided by these.
     magnitudes : ndarray, shape (electrodes,)
-        Magnitudes of the charges in C.
-    least_share : float, optional
-        The share.
+        |d31 X| + |d32 Y| of the charges in C.
+    min_fraction : float, optional
+        The minimum relative change, as a fraction of the larger mean.
     saturation : float, optional
-        Largest ratio of the error to the change. The next order is least effective at corners.
+        Factor from changes to errors: the error of the next order is not zero, at worst at corners.
 
     Returns
     -------
@@ -277,12 +286,15 @@ def _estimate_errors(
     relative = np.divide(changes, units, out=np.zeros_like(changes), where=units > 0.0)
     means = relative.sum(axis=0) / max(len(changes), 1)
     overall_mean = means @ magnitudes / max(magnitudes.sum(), TINY)
-    least_relative = least_share * np.maximum(means, overall_mean)
-    return np.asarray(saturation * np.maximum(changes, least_relative * units))
+    min_relative = min_fraction * np.maximum(means, overall_mean)
+    return np.asarray(saturation * np.maximum(changes, min_relative * units))
 
 
-def _find_scale(scene: Scene, key: str) -> float:
-    """Return the change of a parameter that matters, in the key's unit; see `Gradients`."""
+def _find_parameter_scale(scene: Scene, key: str) -> float:
+    """Return the scale of a parameter in the key's unit, as `Gradients` defines it.
+
+    It is infinite for the angle of a disc, and 1 for a parameter that is zero.
+    """
     keys_of_probes = map_probe_keys(scene)
     if key in keys_of_probes:
         loaded_probe = keys_of_probes[key][0].probe

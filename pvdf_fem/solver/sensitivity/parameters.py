@@ -1,4 +1,4 @@
-"""Keys that charges can be differentiated by, and the reasons why other keys have no derivative."""
+"""Keys with respect to which charges can be differentiated, and why other keys are excluded."""
 
 from __future__ import annotations
 
@@ -25,42 +25,42 @@ PRETENSION = "film.pretension_N_m"
 
 
 class ProbeNumber(NamedTuple):
-    """A number of a probe or of its load."""
+    """A number of a probe, or of its load, that a key of the scene file sets."""
 
-    probe: LoadedProbe
-    position: int  #: Position of the probe among the loaded probes.
-    name: str  #: Name of the number in its table.
+    probe: LoadedProbe  #: The probe with its load.
+    position: int  #: Index of the probe in ``scene.loaded_probes``.
+    name: str  #: Name of the number in the table of the probe or load.
 
 
 def list_parameters(problem: Problem) -> tuple[str, ...]:
-    """List the keys by which `gradients` differentiates the charges of a problem.
+    """List the keys with respect to which `gradients` differentiates the charges of a problem.
 
-    A film with two moduli has ``film.youngs_modulus_GPa.0`` and ``.1``. A film with given
-    ``film.pretension_N_m`` has this key, or ``.0`` and ``.1``, in place of
-    ``film.temperature_change_K``, and its other keys are at this pretension; loads on the whole
-    film add their keys. A rigid probe has no derivative with respect to its position, as the
-    tractions along its edge are singular. A film that bends or wrinkles has no derivatives by its
-    stiffness; a film that feels electrode voltages has none by d31 and d32 either.
+    Pairs of numbers, such as two moduli, have a key for each: ``film.youngs_modulus_GPa.0`` and
+    ``.1``. If ``film.pretension_N_m`` is given, it replaces ``film.temperature_change_K`` and is
+    held constant for the other keys. Positions are excluded for rigid probes, whose tractions are
+    singular along the edge, and for pressure profiles that are not uniform. Keys of the film except
+    d31 and d32 are excluded if it bends or wrinkles; all are if electrode voltages act on it.
 
     Parameters
     ----------
     problem : Problem
-        A problem whose charges are by stress and heat.
+        A problem whose charges are caused by stress and heat only.
 
     Returns
     -------
     tuple of str
+        Keys of the scene file, first of probes and loads, then of the film.
 
     Raises
     ------
     SceneError
-        For charges across the film (d33), which have no derivatives.
+        If the charges have other causes, such as d33, and so no derivatives.
     """
     scene = problem.scene
     scene.require_plain_charges("derivatives", "coupling", "warming_K", HEAT)
     keys = []
     for key in map_probe_keys(scene):
-        if not _find_hindrance(problem, key):
+        if not _explain_missing_probe_derivative(problem, key):
             keys.append(key)
     if problem.has_passive_electrodes:
         if problem.film.capabilities.has_film_derivatives:
@@ -70,14 +70,19 @@ def list_parameters(problem: Problem) -> tuple[str, ...]:
 
 
 def map_probe_keys(scene: Scene) -> dict[str, list[ProbeNumber]]:
-    """Map the keys of probes and loads to the numbers that they are.
+    """Map the keys of probes and loads to the numbers that they set.
 
-    A key of the scene's load may be a number of several probes.
+    A key of the scene's ``load`` sets a number for each probe that has no value of its own.
 
     Parameters
     ----------
     scene : Scene
-        The scene.
+        The scene with the loaded probes.
+
+    Returns
+    -------
+    dict of list of ProbeNumber
+        Numbers by key of the scene file: positions, temperatures, forces or depths.
     """
     numbers: dict[str, list[ProbeNumber]] = {}
     for position, probe in enumerate(scene.loaded_probes):
@@ -97,8 +102,11 @@ def map_probe_keys(scene: Scene) -> dict[str, list[ProbeNumber]]:
     return numbers
 
 
-def _find_hindrance(problem: Problem, key: str) -> str:
-    """Return why the charges have no derivative by a probe's key; empty if they have one."""
+def _explain_missing_probe_derivative(problem: Problem, key: str) -> str:
+    """Return why a key of a probe is excluded, or an empty string if it is not.
+
+    The text is the end of a sentence that begins with the key.
+    """
     for number in map_probe_keys(problem.scene)[key]:
         if number.name not in PLACE_NAMES:
             continue
@@ -111,7 +119,7 @@ def _find_hindrance(problem: Problem, key: str) -> str:
 
 
 def _list_film_keys(film: Film) -> list[str]:
-    """List the keys of stiffness, pretension and loads of a film."""
+    """List the keys of a film's thickness, tension, elasticity and distributed loads."""
     stretching = "temperature_change_K" if film.pretension_N_m is None else "pretension_N_m"
     names = ["thickness_um", stretching, "youngs_modulus_GPa", "poisson_ratio"]
     names += [name for name in FILM_LOAD_CLASSES if getattr(film, name)]
@@ -125,7 +133,10 @@ def _list_film_keys(film: Film) -> list[str]:
 
 
 def prescribe_pretension(scene: Scene) -> Scene:
-    """Return the scene with its pretension in N/m where its film is given as cooled."""
+    """Return a copy of a scene whose pretension in N/m is given instead of a temperature change.
+
+    If the pretension is already given, return the scene itself.
+    """
     film = scene.film
     if film.pretension_N_m is not None:
         return scene
@@ -135,28 +146,31 @@ def prescribe_pretension(scene: Scene) -> Scene:
 
 
 def expand_pair_key(key: str, known: Iterable[str]) -> list[str]:
-    """Return the known keys that a key means: itself, or both numbers of a pair."""
+    """Return those known keys that a key stands for: itself, or both numbers of a pair.
+
+    The list is empty if the key is not known.
+    """
     return [name for name in known if name in (key, f"{key}.0", f"{key}.1")]
 
 
 def explain_missing_derivative(problem: Problem, key: str) -> str:
-    """Explain why the charges of a problem have no derivative by a key.
+    """Explain why the charges of a problem have no derivative with respect to a key.
 
     Parameters
     ----------
     problem : Problem
-        The problem.
+        Problem whose charges would be differentiated.
     key : str
         A key that is not among `list_parameters`.
 
     Returns
     -------
     str
-        The end of a sentence that begins with the key.
+        The end of a sentence that begins with the key, for an error message.
     """
     scene = problem.scene
     if key in map_probe_keys(scene):
-        return _find_hindrance(problem, key)
+        return _explain_missing_probe_derivative(problem, key)
     if key in (*_list_film_keys(scene.film), *COEFFICIENTS):
         return "of a film that bends, wrinkles or feels voltages has no derivative"
     return "is not a parameter of this scene that charges are differentiated by"

@@ -1,18 +1,17 @@
 """Charge derivatives with respect to a parameter, by adjoint solutions.
 
-Symbols are those of `pvdf_fem.solver.sensitivity.adjoint`. R depends on the probe's place by the
-load's patch. The pressure F/A stays, since translations and rotations keep the area, and the work
-of the load on λ changes by what the outline sweeps (Reynolds' transport theorem)::
+Symbols are those of `pvdf_fem.solver.sensitivity.adjoint`. R depends on the position of a probe
+through the area on which its pressure acts. The pressure p = F/A does not change, since the area A
+is invariant to translation and rotation. By Reynolds' transport theorem::
 
     -λ · ∂R/∂θ = p ∮ (λ · t) (V · n) ds
 
-with the outline's velocity V, its outward normal n, and the direction t of the pressure per
-reference area: e_z for a dead load, F1 x F2 for a follower load.
+along the outline, with its velocity V per unit of the key, its outward normal n, and the direction
+t of the pressure per reference area: e_z for a dead load, F1 x F2 for a follower load.
 
-Other keys do not move the mesh. The displacement is x(q, θ) of the unknowns q, and the changes of Q
-and R by the key at fixed unknowns are differenced: for the film's keys, forces, the heat of a warm
-probe, and the place of a tip, on which the film rests. The edge of a tip's contact moves, too, but
-counts only to second order.
+For all other keys Q - λ · R is differenced on a fixed mesh at fixed unknowns q: keys of the film,
+forces, the temperature of a probe, and the position of a tip, on which the film rests. The edge of
+a tip's contact moves, too, but its effect is of second order.
 """
 
 from __future__ import annotations
@@ -44,32 +43,32 @@ from pvdf_fem.solver.solution import Solution
 
 Table = TypeVar("Table", bound=Section)
 
-#: Step of the differences: relative to a number, but in mm or degrees for a position, and in K
-#: for a temperature.
+#: Step of the differences: relative to the value, but absolute in mm, degrees or K for positions,
+#: angles and temperatures.
 STEP = 1e-3
-#: A tip presses by an overlap that is a small part of its depth: its steps are smaller by this
-#: factor times the tolerance.
+#: In scenes with tips the steps are multiplied by this factor and by the tolerance, because the
+#: contact force depends on an overlap that is much smaller than the depth.
 TIP_STEP = 1e-2
-#: Weights of the fourth-order central difference, times 12, by the number of steps.
+#: Weights of the fourth-order central difference, multiplied by 12, by the number of steps.
 DIFFERENCE_WEIGHTS = {1: 8.0, -1: -8.0, 2: -1.0, -2: 1.0}
 #: Gauss points along a facet of the probe's outline.
 GAUSS_POINTS = 5
 
 
 def compute_charge_rates(solution: Solution, keys: Sequence[str]) -> Array:
-    """Compute the charge derivatives of a converged solution, without errors.
+    """Compute derivatives of the charges of a solution, without estimating their errors.
 
     Parameters
     ----------
     solution : Solution
         A converged solution.
     keys : sequence of str
-        Keys among `list_parameters` of its problem.
+        Keys among `list_parameters` of the problem.
 
     Returns
     -------
     ndarray, shape (keys, electrodes)
-        In C per unit of the key.
+        Derivatives of the total charges in C per unit of the key.
     """
     factorised = factorise_tangent(solution.discrete)
     adjoint = Adjoint.of_solution(factorised, solution.problem.outputs)
@@ -77,21 +76,21 @@ def compute_charge_rates(solution: Solution, keys: Sequence[str]) -> Array:
 
 
 def compute_integral_rates(solution: Solution, keys: Sequence[str]) -> Array:
-    """Compute the derivatives of the stress integrals X and Y, without errors.
+    """Compute derivatives of the stress integrals X and Y, without estimating their errors.
 
     Parameters
     ----------
     solution : Solution
         A converged solution.
     keys : sequence of str
-        Keys among `list_parameters` of its problem, but for d31 and d32.
+        Keys among `list_parameters` of the problem, except those of d31 and d32.
 
     Returns
     -------
     ndarray, shape (keys, electrodes, 2)
-        In N per unit of the key.
+        Derivatives of X and Y in N per unit of the key.
     """
-    outputs = []
+    outputs = []  # with d = (1, 0) and (0, 1) the charges are X and Y
     for output in solution.problem.outputs:
         outputs.append(replace(output, d=(1.0, 0.0)))
         outputs.append(replace(output, d=(0.0, 1.0)))
@@ -101,21 +100,21 @@ def compute_integral_rates(solution: Solution, keys: Sequence[str]) -> Array:
 
 
 def compute_rate(adjoint: Adjoint, key: str, *, with_heat: bool = True) -> Array:
-    """Compute the derivative dQ/dθ of every charge by one key.
+    """Compute the derivative dQ/dθ of every charge with respect to one key.
 
     Parameters
     ----------
     adjoint : Adjoint
-        A displacement with its adjoint solutions.
+        A solution with the adjoint solutions of its charges.
     key : str
         A key among `list_parameters`.
     with_heat : bool, optional
-        Whether the pyroelectric charge counts.
+        Whether the charges include the pyroelectric ones.
 
     Returns
     -------
     ndarray, shape (outputs,)
-        In C per unit of the key.
+        Derivatives in C per unit of the key.
     """
     scene = adjoint.equilibrium.scene
     if key in COEFFICIENTS:
@@ -126,7 +125,7 @@ def compute_rate(adjoint: Adjoint, key: str, *, with_heat: bool = True) -> Array
         load = adjoint.equilibrium.loads[number.position]
         if number.name in PLACE_NAMES and isinstance(load, PatchLoad):
             by_outline = by_outline + _integrate_swept_work(adjoint, load, number.name)
-            if not number.probe.probe.temperature_K:  # the outline alone depends on the place
+            if not number.probe.probe.temperature_K:  # only the pressure depends on the position
                 return by_outline
     is_place_or_heat = any(number.name in (*PLACE_NAMES, HEAT) for number in numbers)
     magnitude = 1.0
@@ -139,7 +138,10 @@ def compute_rate(adjoint: Adjoint, key: str, *, with_heat: bool = True) -> Array
 
 
 def _difference_charges(adjoint: Adjoint, key: str, *, step: float, with_heat: bool) -> Array:
-    """Difference Q - λ · R by a key on a fixed mesh, at fixed unknowns, (outputs,)."""
+    """Compute the central difference quotient of Q - λ · R for a key, at fixed unknowns.
+
+    Returns an array of shape (outputs,) in C per unit of the key.
+    """
     equilibrium = adjoint.equilibrium
     rate = np.zeros(len(adjoint.outputs))
     for steps, weight in DIFFERENCE_WEIGHTS.items():
@@ -153,12 +155,12 @@ def _difference_charges(adjoint: Adjoint, key: str, *, step: float, with_heat: b
 
 
 def change_number(scene: Scene, key: str, change: float) -> Scene:
-    """Return the scene with a number changed, beyond the range of its key if need be.
+    """Return a copy of a scene with a changed number, without checking the range of its key.
 
     Parameters
     ----------
     scene : Scene
-        The scene.
+        Scene before the change.
     key : str
         A key among `list_parameters`.
     change : float
@@ -181,7 +183,10 @@ def change_number(scene: Scene, key: str, change: float) -> Scene:
 
 
 def _add_to_number(table: Table, name: str, change: float) -> Table:
-    """Return a table with a number changed, or one of a pair: ``key.0`` or ``key[0]``."""
+    """Return a copy of a table with a changed number, without validation.
+
+    One number of a pair is named ``name.0`` or ``name[0]``.
+    """
     name, _, index = name.replace("[", ".").rstrip("]").partition(".")
     value = getattr(table, name)
     if index:
@@ -192,38 +197,56 @@ def _add_to_number(table: Table, name: str, change: float) -> Table:
 
 
 def _integrate_swept_work(adjoint: Adjoint, load: PatchLoad, name: str) -> Array:
-    """Integrate ∮ (λ · t) (V · n) ds along a probe's outline, in C per unit of the key.
+    """Integrate p ∮ (λ · t) (V · n) ds along the outline of a probe.
 
-    The integrand jumps at the outline: the mean of the traces from both sides is taken. Along the
-    clamped rim λ is zero. Returns an array (outputs,).
+    The gradients in t jump at the outline, so the mean of the traces from both sides is taken.
+    Facets on the clamped rim, where λ is zero, are left out.
+
+    Parameters
+    ----------
+    adjoint : Adjoint
+        The solution with the adjoint solutions λ.
+    load : PatchLoad
+        The pressure p with its patch, whose outline moves.
+    name : str
+        One of `PLACE_NAMES`.
+
+    Returns
+    -------
+    ndarray, shape (outputs,)
+        Derivatives in C per unit of the key.
     """
     space = adjoint.equilibrium.space
     mesh = space.mesh
     facets, count = np.unique(mesh.t2f[:, load.patch], return_counts=True)
-    is_outline = (count == 1) & (mesh.f2t[1, facets] >= 0)
+    is_outline = (count == 1) & (mesh.f2t[1, facets] >= 0)  # on one element of the patch, not rim
     facets = facets[is_outline]
     if not len(facets):
         return np.zeros(len(adjoint.outputs))
-    pairs = mesh.f2t[:, facets]
-    elements = pairs.ravel()
+    # each facet occurs twice: with the element on either side
+    elements = mesh.f2t[:, facets].ravel()
     traces, tangents = make_facet_quadrature(mesh, np.tile(facets, 2), elements, GAUSS_POINTS)
     nodes = space.nodes[elements]
     gradients = space.evaluate_gradients(elements, traces.points)
     displacement = adjoint.state.dofs.reshape(-1, 3)[nodes]
     F = IDENTITY + np.matmul(displacement[:, None].swapaxes(2, 3), gradients)
-    nodal = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[nodes]
+    nodal_adjoints = adjoint.dofs.reshape(-1, 3, adjoint.dofs.shape[1])[nodes]
     shapes = evaluate_shape_functions(space.basis.elem, traces.points)
-    works = np.einsum("fqa,facn,fqc->fqn", shapes, nodal, load.traction(F))
+    # indices: facet f, Gauss point q, node a, component c, output n
+    works = np.einsum("fqa,facn,fqc->fqn", shapes, nodal_adjoints, load.traction(F))
     points = np.moveaxis(mesh.mapping().F(traces.points, elements), 0, -1)
     outward = np.tile(_find_outward_signs(adjoint, load, facets), 2)[:, None]
     normals = np.stack([tangents[..., 1], -tangents[..., 0]], axis=-1)
     velocity = _compute_velocity(load.spec.probe, name, points)
     swept = outward * traces.weights * (velocity * normals).sum(axis=-1)
-    return 0.5 * np.einsum("fq,fqn->n", swept, works)
+    return 0.5 * np.einsum("fq,fqn->n", swept, works)  # 0.5 for the mean of both sides
 
 
 def _find_outward_signs(adjoint: Adjoint, load: PatchLoad, facets: Array) -> Array:
-    """Return the signs that turn the facets' right-hand normals out of the load's patch."""
+    """Return the signs by which the right-hand normals of facets point out of the load's patch.
+
+    A sign is +1 if the patch is to the left of the facet, otherwise -1.
+    """
     mesh = adjoint.equilibrium.space.mesh
     start, end = mesh.p[:, mesh.facets[:, facets]].swapaxes(0, 1)
     pairs = mesh.f2t[:, facets]
@@ -235,11 +258,14 @@ def _find_outward_signs(adjoint: Adjoint, load: PatchLoad, facets: Array) -> Arr
 
 
 def _compute_velocity(probe: Probe, name: str, points: Array) -> Array:
-    """Return the velocity of a probe's points (..., 2) in m, in m per unit of the key."""
+    """Return the velocity of points of a probe in m per unit of the key, shape (..., 2).
+
+    `points` are in m. The velocity is zero for the rotation of a disc.
+    """
     if name != "rotation_deg":
         direction = np.eye(2)[PLACE_NAMES.index(name)]
         return np.full_like(points, 1e-3 * direction)
-    if probe.period_deg == 0.0:  # a disc turns into itself
+    if probe.period_deg == 0.0:  # a disc is invariant to rotation
         return np.zeros_like(points)
     centre = 1e-3 * np.array([probe.x_mm, probe.y_mm])
     x, y = np.moveaxis(points - centre, -1, 0)

@@ -1,8 +1,8 @@
-"""Standard deviations of charges by uncertain numbers of a scene, to first order by the adjoint.
+"""Standard deviations of charges due to uncertain numbers of a scene, to first order.
 
-The deviation of a charge Q is the root of the sum of (∂Q/∂θ σ)² over the uncertain numbers θ, which
-are taken as independent (JCGM 100:2008, 5.1.2). Both numbers of a pair, such as two moduli, are off
-by the same fraction.
+The standard deviation of a charge Q is the square root of the sum of (∂Q/∂θ σ)² over the uncertain
+numbers θ with standard deviations σ, which are assumed to be independent (JCGM 100:2008, 5.1.2).
+Both numbers of a pair, such as two moduli, are assumed to be fully correlated.
 """
 
 from __future__ import annotations
@@ -36,33 +36,39 @@ from pvdf_fem.solver.sensitivity.rates import change_number, compute_rate
 from pvdf_fem.solver.solution import Solution
 from pvdf_fem.summary import Result, Summary, TextTable, format_charges, format_with_error
 
-#: Relative step in differences of the unloaded film's charges.
+#: Relative step of the differences of the charges of a uniformly stressed, unloaded film.
 STEP = 1e-4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Uncertainty(Result):
-    """Standard deviations of charges, and the part that each uncertain number has in them."""
+    """Standard deviations of charges, and the contributions of the uncertain numbers to them."""
 
-    solution: Solution
-    deviations: dict[str, float]  #: Of the numbers, by key and in its unit.
-    #: Change of each charge by one deviation of a number, in pC, by key and electrode.
+    solution: Solution  #: The solution with the charges.
+    #: Standard deviations of the uncertain numbers by key, in the unit of the key; of a pair their
+    #: mean.
+    deviations: dict[str, float]
+    #: Standard deviation of each total charge in pC due to one number, by key and electrode.
     parts_pC: dict[str, dict[str, float]]
-    #: The same for the changes of charge by the load.
+    #: Standard deviation of each change of a charge by the load in pC due to one number, by key and
+    #: electrode.
     change_parts_pC: dict[str, dict[str, float]]
 
     @property
     def charges_pC(self) -> dict[str, float]:
-        """Standard deviation of each total charge."""
+        """Standard deviation of each total charge in pC, by electrode."""
         return _combine_parts(self.parts_pC)
 
     @property
     def charge_changes_pC(self) -> dict[str, float]:
-        """Standard deviation of each change of a charge by the load."""
+        """Standard deviation of each change of a charge by the load in pC, by electrode."""
         return _combine_parts(self.change_parts_pC)
 
     def shares(self) -> dict[str, dict[str, float]]:
-        """Return the share of each number in each charge's variance, by key and electrode."""
+        """Return the fraction of the variance of each total charge due to each number.
+
+        Fractions are given by key and electrode; they are 0 for a charge without variance.
+        """
         deviations = self.charges_pC
         shares: dict[str, dict[str, float]] = {}
         for key, parts in self.parts_pC.items():
@@ -82,7 +88,7 @@ class Uncertainty(Result):
 
     @property
     def table(self) -> TextTable:
-        """Charges and changes with their deviations, and the shares in percent."""
+        """Table of charges and changes with standard deviations, and `shares` in percent."""
         heading = ["charges, uncertain values", "total, pC", "± pC", "change by load, pC", "± pC"]
         charges = self.charges_pC
         changes = self.charge_changes_pC
@@ -98,7 +104,7 @@ class Uncertainty(Result):
         return TextTable((*heading, *self.deviations), tuple(rows))
 
     def summary(self) -> Summary:
-        """Summarize the deviations of the charges and those of the numbers."""
+        """Return the content that `print` and notebooks show."""
         sentence = f"standard deviations of total charges, {format_charges(self.charges_pC)}"
         notes = []
         for key, deviation in self.deviations.items():
@@ -108,13 +114,12 @@ class Uncertainty(Result):
 
 @dataclass(frozen=True)
 class ResolvedUncertainty:
-    """Uncertain numbers, resolved to keys that charges are differentiated by."""
+    """Uncertain numbers, resolved to keys with respect to which charges are differentiated."""
 
-    #: The problem by whose keys charges are differentiated: a cooled film with an uncertain
-    #: pretension has this pretension instead of its change of temperature.
+    #: The problem whose charges are differentiated. If the pretension of a cooled film is
+    #: uncertain, the film has this pretension instead of its temperature change.
     problem: Problem
-    #: By uncertain key the deviations of the numbers that it means; those of a pair belong
-    #: together.
+    #: Standard deviations by uncertain key, then by differentiable key: one, or two for a pair.
     deviations: dict[str, dict[str, float]]
 
 
@@ -126,23 +131,25 @@ def uncertainty(
     Parameters
     ----------
     solution : Solution, Scene, or what `solve` takes for a scene
-        A converged solution, or a scene that is solved first.
+        A converged solution, or a scene, which is solved first.
     uncertain : mapping, optional
-        Standard deviations by key, in the key's unit or relative to the value, as
-        ``{"film.thickness_um": "5 %"}``; by default the scene's `uncertain`. Keys are those that
-        `gradients` differentiates by. A cooled film may have an uncertain
-        ``film.pretension_N_m``; its other numbers are then uncertain at this pretension.
+        Standard deviations by key, in the unit of the key or relative to the value, such as
+        ``{"film.thickness_um": "5 %"}``; by default those in the scene. Keys are those of
+        `gradients`, and keys of pairs. A cooled film may also have an uncertain
+        ``film.pretension_N_m``, which is then held constant for the other keys.
 
     Returns
     -------
     Uncertainty
+        Standard deviations of total charges and of their changes by the load.
 
     Raises
     ------
     SceneError
-        For a key that charges have no derivative by, before any solve.
+        If there are no uncertain numbers, or if charges have no derivative with respect to a key.
+        This is checked before any solve.
     NotConvergedError
-        When the solution is not converged.
+        If the solution, or the solve of the unloaded film, has not converged.
 
     Examples
     --------
@@ -181,7 +188,7 @@ def uncertainty(
 
 
 def _name_magnitudes_pC(names: list[str], charges: Array) -> dict[str, float]:
-    """Return the absolute values of charges in C, (electrodes,), in pC by electrode."""
+    """Return the absolute values in pC by name, from charges in C in the order of the names."""
     magnitudes = np.abs(1e12 * charges)
     return dict(zip(names, magnitudes.tolist(), strict=True))
 
@@ -189,7 +196,7 @@ def _name_magnitudes_pC(names: list[str], charges: Array) -> dict[str, float]:
 def with_uncertain_numbers(
     scene_like: Solution | SceneLike, uncertain: Mapping[str, float | str] | None
 ) -> Scene:
-    """Return a scene with these uncertain numbers, or with its own for None."""
+    """Return a scene whose uncertain numbers are replaced, or its own scene if None are given."""
     scene = as_scene(scene_like)
     if uncertain is None:
         return scene
@@ -197,13 +204,13 @@ def with_uncertain_numbers(
 
 
 def require_differentiable(problem: Problem) -> None:
-    """Raise `SceneError` if charges have no derivative by an uncertain key of the scene."""
+    """Raise `SceneError` if charges have no derivative with respect to an uncertain key."""
     if problem.scene.uncertain:
         resolve_uncertainty(problem)
 
 
 def resolve_uncertainty(problem: Problem) -> ResolvedUncertainty:
-    """Resolve the uncertain numbers of a scene.
+    """Find differentiable keys and absolute standard deviations of a scene's uncertain numbers.
 
     Parameters
     ----------
@@ -213,11 +220,12 @@ def resolve_uncertainty(problem: Problem) -> ResolvedUncertainty:
     Returns
     -------
     ResolvedUncertainty
+        Standard deviations in the units of the keys, and the problem that has these keys.
 
     Raises
     ------
     SceneError
-        Without uncertain numbers, and for keys that charges have no derivative by.
+        If there are no uncertain numbers, or if charges have no derivative with respect to one.
     """
     uncertain = problem.scene.uncertain
     if not uncertain:
@@ -242,7 +250,10 @@ def resolve_uncertainty(problem: Problem) -> ResolvedUncertainty:
 
 
 def _prescribe_uncertain_pretension(scene: Scene) -> Scene:
-    """Return the scene whose cooled film has its pretension instead of its temperature change."""
+    """Return the scene with its pretension given, even if its film was cooled.
+
+    `SceneError` is raised if a cooled film has patches or warms: its pretension is not uniform.
+    """
     film = scene.film
     if film.pretension_N_m is None and (film.patches or film.warming_K):
         reason = "is of a film that is cooled with patches or warms; give film.temperature_change_K"
@@ -251,7 +262,7 @@ def _prescribe_uncertain_pretension(scene: Scene) -> Scene:
 
 
 def _solve_unloaded_adjoint(problem: Problem) -> Adjoint | None:
-    """Solve the unloaded film and its adjoint equations; None where its stress is uniform."""
+    """Solve the unloaded film and its adjoint equations; None if it needs no solve."""
     if problem.unloaded is None:
         return None
     solution = solve_outputs(problem.unloaded)
@@ -259,7 +270,16 @@ def _solve_unloaded_adjoint(problem: Problem) -> Adjoint | None:
 
 
 def _compute_unloaded_rate(problem: Problem, unloaded: Adjoint | None, key: str) -> Array:
-    """Compute the derivative of the unloaded film's charges, in C per unit of a key, (outputs,)."""
+    """Compute derivatives of the charges of the unloaded film with respect to one key.
+
+    They are zero for keys of probes and loads. If the unloaded film needed no solve (`unloaded` is
+    None), its closed-form charges are differenced.
+
+    Returns
+    -------
+    ndarray, shape (outputs,)
+        Derivatives in C per unit of the key.
+    """
     none = np.zeros(len(problem.outputs))
     if not key.startswith("film."):
         return none
@@ -281,7 +301,7 @@ def _compute_unloaded_rate(problem: Problem, unloaded: Adjoint | None, key: str)
 
 
 def _combine_parts(parts: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
-    """Return the root of the sum of squares over the keys, by electrode."""
+    """Return the square root of the sum of squares over the keys, by electrode."""
     names = next(iter(parts.values()))
     deviations = {}
     for name in names:

@@ -112,8 +112,8 @@ def draw_design_map(ax: Axes, chosen: Dataset, max_deviation_mm: float | None = 
     ax.plot(grid_x[is_ambiguous], grid_y[is_ambiguous], ".", color="white", markersize=2.0)
     keys = [chosen[name] for name in chosen.coords if "key" in chosen[name].attrs]
     values = ", ".join(_format_key_value(key) for key in keys)
-    share = f"{float(chosen.ambiguous_share):.0%} ambiguous"
-    ax.set_title(f"{values}\nmedian {median_mm:.3g} mm; dots: {share}".strip())
+    ambiguous = f"{float(chosen.ambiguous_share):.0%} ambiguous"
+    ax.set_title(f"{values}\nmedian {median_mm:.3g} mm; dots: {ambiguous}".strip())
     add_colour_bar(ax, drawn, "deviation of the place (mm)", extend="max")
 
 
