@@ -45,7 +45,7 @@ UnloadedRecords = dict[Scene, Record]
 def solve_scenes(
     scenes: Sequence[Scene], store: Store | None = None, **options: Any
 ) -> list[Record]:
-    """Solve scenes, and return their records in the order of the scenes.
+    """Return the records of scenes, in their order; solve those without a stored record.
 
     Parameters
     ----------

@@ -78,7 +78,7 @@ class Record:
         return self.status == "converged"
 
     def integrals_by(self, observable: str) -> StressIntegrals:
-        """Return the stress integrals by an observable; NaN for a record without charges.
+        """Return the electrodes' stress integrals by an observable; NaN if the record has none.
 
         The errors are NaN for an observable that is not the scene's.
         """

@@ -220,6 +220,7 @@ def place_area_points(mesh: MeshTri2, outlines: Sequence[Outline], degree: int) 
     rings = shapely.get_exterior_ring(shapely.orient_polygons(pieces.shapes))
     corners, ring = shapely.get_coordinates(rings, return_index=True)
     first = corners[np.searchsorted(ring, ring[:-1])]
+    # a triangle joins the first corner of a ring to each of the ring's edges, from a to b
     a = corners[:-1] - first
     b = corners[1:] - first
     areas = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])

@@ -25,7 +25,7 @@ from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.problem.outputs import Output, output_areas, piezo_coefficients, reflect_outputs
 
 #: The tolerance of a charge is relative to the charge, or to this fraction of |d31 X| + |d32 Y|
-#: where the two nearly cancel.
+#: if d31 X and d32 Y nearly cancel.
 CANCELLATION_FRACTION = 0.05
 
 

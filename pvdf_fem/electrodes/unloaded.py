@@ -1,4 +1,4 @@
-"""Stress integrals of the unloaded film, where its uniform stress gives them without a solve."""
+"""Stress integrals of the unloaded film, if its uniform stress gives them without a solve."""
 
 from __future__ import annotations
 

@@ -176,7 +176,7 @@ class FilmModel:
         expansion : sparse matrix, shape (dofs, unknowns)
             Matrix that maps unknowns to dofs.
         state : State
-            Converged state of the film, whose error is estimated.
+            Solution of these equations, whose error is estimated.
 
         Returns
         -------

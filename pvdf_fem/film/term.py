@@ -203,7 +203,7 @@ class Term(SolverHints, NonlocalTangent, ABC):
         """
 
     def element_tangent(self, state: State) -> ElementMatrices | None:
-        """Return the derivative of `residual` in N/m, element by element.
+        """Return the derivative of `residual` with respect to the dofs, by element, in N/m.
 
         Default: None, for a term whose forces do not depend on the displacement.
         """

@@ -122,7 +122,7 @@ class Unknowns:
         return np.append(slots, 0.0)[self.of_dof]
 
     def fold(self, forces: Array) -> Array:
-        """Sum forces on dofs to forces on unknowns; forces on fixed dofs drop out.
+        """Sum forces on dofs to forces on unknowns; forces on fixed dofs are left out.
 
         Parameters
         ----------

@@ -45,6 +45,7 @@ def find_nearest_elements(
     edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=-1)
     inverse = np.linalg.inv(edges.transpose(1, 0, 2))[near]
     local = np.einsum("pcij,jpc->ipc", inverse, points[:, :, None] - origin)
+    # minimum of the three barycentric coordinates, negative outside of an element
     least_weight = np.minimum(local.min(axis=0), 1.0 - local.sum(axis=0))
     best = least_weight.argmax(axis=1)[:, None]
     elements = np.take_along_axis(near, best, axis=1)[:, 0]

@@ -153,14 +153,16 @@ def bend_sides(
     movable = mesh.dofs.facet_dofs[0, is_inside_patch]
     while is_distorted.any():
         nodes = mesh.dofs.element_dofs[:, is_distorted]
-        starts, ends = mesh.doflocs[:, nodes[np.transpose(SIDES)]].swapaxes(0, 1)
+        first_ends, second_ends = np.transpose(SIDES)
+        starts = mesh.doflocs[:, nodes[first_ends]]  # shape (2, 3, distorted elements)
+        ends = mesh.doflocs[:, nodes[second_ends]]
         chords = ends - starts
         middles = 0.5 * (starts + ends)
         heights = mesh.doflocs[:, nodes[3:]] - middles
         highest = np.linalg.norm(heights, axis=0).argmax(axis=0)[None, None]
         chord = np.take_along_axis(chords, highest, axis=1)
         height = np.take_along_axis(heights, highest, axis=1)
-        extents = (chords * chord).sum(axis=0) / (chord**2).sum(axis=0)
+        extents = (chords * chord).sum(axis=0) / (chord**2).sum(axis=0)  # s·c / c·c
         wanted = (middles + height * extents**2).reshape(2, -1)
 
         # a side between two distorted elements gets the mean of the positions that they require

@@ -120,6 +120,7 @@ class Equilibrium:
         """Return a copy of the equations with all loads multiplied by a factor."""
 
         def scale(term: Term) -> Term:
+            """Scale a load; return any other term itself."""
             return term.scaled(factor) if isinstance(term, LoadTerm) else term
 
         return self.map_terms(scale)

@@ -32,7 +32,7 @@ MECHANICAL_EFFECTS = (Affects.MECHANICS, Affects.OUTLINE, Affects.PRESTRAIN, Aff
 
 
 class MechanicalKey(NamedTuple):
-    """A text that is equal for problems whose films deform equally, apart from their orientation."""
+    """A text that is equal for problems whose films deform equally, apart from a rotation."""
 
     #: The text. It includes the tolerance and the limits of the numerics.
     text: str

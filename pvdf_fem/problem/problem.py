@@ -127,7 +127,7 @@ class Problem(Result):
 
     @property
     def has_passive_electrodes(self) -> bool:
-        """Whether electrodes, d31 and d32 only read the stress, and do not change it."""
+        """Whether no electrode has a voltage that acts on the film and so changes the stress."""
         return not self.floating_electrodes
 
     @cached_property
@@ -141,8 +141,9 @@ class Problem(Result):
     def sector(self) -> SymmetrySector:
         """The symmetry sector that is solved in place of the whole film.
 
-        It is the whole film if it has no symmetry, under a rigid tip, under a probe that tilts freely, under a pressure in
-        Python, with electrodes that act on the film, and if the film's model does not use symmetry.
+        It is the whole film without symmetry, under a rigid tip, under a probe that tilts freely,
+        under a pressure in Python, with electrodes that act on the film, and if the film's model
+        does not use symmetry.
         """
         leaning = any(load.load.tilt == "free" for load in self.scene.loaded_probes)
         if self.scene.tips or leaning or self.pressure is not None:
@@ -253,6 +254,7 @@ class Problem(Result):
         return Summary("problem", sentences, notes=notes)
 
     def _headline(self) -> str:
+        """Return film model, loads and outputs in one line."""
         return f"{self.film_model_name}, {self._describe_loads()}, {self._describe_outputs()}"
 
     def to_json(self) -> dict[str, Any]:
@@ -283,6 +285,7 @@ class Problem(Result):
         return "plate" if self.film.bends else "membrane"
 
     def _describe_sector(self) -> str:
+        """Say how much of the film is meshed, and how many mirror lines it has."""
         lines = len(self.sector.mirror_axes)
         if lines == 0:
             return "the whole film"
@@ -290,19 +293,21 @@ class Problem(Result):
         return f"{fraction} of the film: {lines} mirror line{'s' if lines > 1 else ''}"
 
     def _describe_loads(self) -> str:
+        """Say the shape, position, kind and size of each load; ``none`` without a load."""
         texts = []
         for load in self.loads:
             table = load.load
             size = f"{table.force_N:g} N"
             if table.depth_mm is not None:
                 size = f"{table.depth_mm:g} mm deep"
-            place = f"({load.probe.x_mm:g}, {load.probe.y_mm:g}) mm"
-            texts.append(f"{load.probe.shape} at {place}, {table.kind}, {size}")
+            position = f"({load.probe.x_mm:g}, {load.probe.y_mm:g}) mm"
+            texts.append(f"{load.probe.shape} at {position}, {table.kind}, {size}")
         if self.scene.film.distributed_force:
             texts.append("loads on the whole film")
         return "; ".join(texts) or "none"
 
     def _describe_outputs(self) -> str:
+        """Name the electrodes whose charges are computed, or the number of requested charges."""
         observable = self.scene.numerics.observable
         if self.requested_outputs is not None:
             return f"{len(self.outputs)} requested charges by {observable}"
@@ -310,11 +315,13 @@ class Problem(Result):
         return f"charges of {names} by {observable}"
 
     def _describe_voltages(self) -> str:
+        """Name the electrodes whose voltages act on the film; say so if there are none."""
         if self.has_passive_electrodes:
             return "none: electrodes only read the stress"
         return ", ".join(electrode.name for electrode in self.floating_electrodes)
 
     def _describe_unloaded_film(self) -> str:
+        """Say whether the charges of the unloaded film need a solve."""
         if self.unloaded is None:
             return "uniform stress, which needs no solve"
         return "a solve of its own, since it is not flat or its stress is not uniform"

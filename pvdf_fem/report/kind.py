@@ -410,7 +410,7 @@ def differ_only_in(keys: Sequence[str], scene: Scene, other: Scene) -> bool:
     try:
         numbers = {key: get_number(scene, key) for key in keys}
         return other.with_(**numbers) == scene
-    except (SceneError, AttributeError, LookupError, TypeError):  # one scene has no such key
+    except (ValueError, AttributeError, LookupError, TypeError):  # no such number in a scene
         return False
 
 

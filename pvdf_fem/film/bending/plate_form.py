@@ -40,10 +40,9 @@ class Penalty:
     #: positive definite for numbers above 3 with order 3 and above 6 with order 4 (measured, from
     #: isotropic films to E1/E2 = 50; inverse inequalities bound them by 9 and 18). The number does
     #: not depend on the order, so that a function has the same energy in a space of higher order. A
-    #: larger number clamps too stiffly where an element at the rim is larger than the bending
-    #: length.
+    #: larger number clamps too stiffly if an element at the rim is larger than the bending length.
     regular: float = 9.0
-    #: Where the Jacobian of an element falls to a fraction c of its mean, such as in a curved
+    #: If the Jacobian of an element falls to a fraction c of its mean, such as in a curved
     #: element beside a cusp, the number above is at least this one times 1/c^2 - 1. Then the form
     #: of the element is positive semidefinite (measured).
     distorted: float = 16.0
@@ -52,7 +51,7 @@ class Penalty:
     #: layer by 1 - turning l/H corrects the energy to within 6 % for all l/H (measured; without the
     #: correction up to 20 % of the effect of the layer are missing at H = 20 l).
     turning: float = 5.5
-    #: Upper bound of turning l/H; beyond it the regular penalty is larger.
+    #: Upper bound of `turning` times l/H; beyond it the regular penalty is larger.
     max_turning: float = 0.75
 
 
