@@ -83,7 +83,7 @@ def draw_charge_map(
     draw_labelled_contours(ax, x, y, charges, levels=levels, occupied=np.array(centres))
     draw_film(ax, scene.film.radius_mm, scene.electrode_list, MARGIN * reach_mm)
     ax.set_title(title)
-    add_colour_bar(ax, filled, "charge (pC), with the charge at rest", ticks=levels)
+    add_colour_bar(ax, filled, "total charge (pC)", ticks=levels)
     return get_figure(ax)
 
 

@@ -18,7 +18,7 @@ from pvdf_fem.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class Ply:
-    """A layer: stiffness of plane stress in Pa, (2, 2), lengths in m, and its strain at rest."""
+    """A layer: stiffness of plane stress in Pa, (2, 2), lengths in m, and its strain in the unloaded disc."""
 
     stiffness: Array
     thickness: float
@@ -87,7 +87,7 @@ class LaminatedDisc:
 
     @cached_property
     def _laminate(self) -> tuple[Array, Array]:
-        """Stiffness of strains and curvatures (m, 4, 4) and forces at rest (m, 4)."""
+        """Stiffness of strains and curvatures (m, 4, 4) and forces in the unloaded disc (m, 4)."""
         r = self._points[0]
         stiffness, rest = np.zeros((len(r), 4, 4)), np.zeros((len(r), 4))
         for ply in self.plies:

@@ -117,11 +117,11 @@ class Sphere:
             low, high = high, 1.0 + 3.0 * (high - 1.0)
         return guess * float(brentq(moved, low, high, xtol=1e-10))
 
-    # --- the film: N_r and N_t are `stiffness` times the strains, and the tension at rest
+    # --- the film: N_r and N_t are `stiffness` times the strains, and the tension of the unloaded film
 
     @cached_property
     def _stiffness(self) -> tuple[float, float, float]:
-        """Stiffness in N/m, Poisson's ratio, and the tension at rest in N/m."""
+        """Stiffness in N/m, Poisson's ratio, and the tension of the unloaded film in N/m."""
         film, C = self.film, self.film.stiffness
         tension = float(film.prestress[0]) * film.thickness
         return float(C[0, 0]) * film.thickness, float(C[0, 1] / C[0, 0]), tension

@@ -350,7 +350,7 @@ def _draw_strains(ax: Axes, scenes: pd.DataFrame) -> None:
     _draw_by_status(ax, scenes, scenes.load_strain, rest)
     ax.set(xscale="log", xlabel="strain of the load, (F/(E h a))$^{2/3}$")
     ax.set_yscale("symlog", linthresh=1e-7)
-    ax.set(ylabel="strain at rest; below zero the film is slack")
+    ax.set(ylabel="strain of the unloaded film; below zero the film is slack")
     ax.set(ylim=(2.0 * min(rest.min(), -1e-6), 2.0 * max(rest.max(), 1e-6)))
 
 

@@ -83,7 +83,7 @@ def test_equivalent_films_have_equal_results(scene, other, most):
     assert found.deflection_max_mm == pytest.approx(expected.deflection_max_mm, rel=most)
     assert values(found.charges_pC) == pytest.approx(values(expected.charges_pC), rel=most)
     warm_probe = scene.probe and scene.loaded_probes[0].probe.temperature_K
-    # charges at rest are those before the film warms
+    # charges of the unloaded film are those before the film warms
     if scene.film.warming_K == other.film.warming_K and not warm_probe:
         rest, wanted = found.rest_charges_pC, expected.rest_charges_pC
         assert rest == pytest.approx(wanted, rel=most, nan_ok=True)

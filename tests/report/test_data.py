@@ -68,7 +68,7 @@ def test_where_keeps_rows_and_labels_name_them(tmp_path):
 
 
 def test_changes_subtract_the_unloaded_charge_of_the_record():
-    """A film with a patch has a charge at rest that only a solve tells."""
+    """A film with a patch has unloaded charges that only a solve determines."""
     patch = {"shape": "circle", "radius_mm": 2.0, "x_mm": 4.0, "y_mm": 0.0, "thickness_um": 9.0}
     keys = {"film.radius_mm": 20.0, "electrodes.ring_radius_mm": 8.0, "numerics.tolerance": 1e-2}
     scene = SCENE.with_(**keys, **{"film.patches": [{**patch, "youngs_modulus_GPa": 3.0}]})

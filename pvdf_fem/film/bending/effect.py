@@ -80,7 +80,7 @@ class BendingEffect:
     def __str__(self) -> str:
         """Describe the total change in percent, and the finite bending lengths in mm."""
         lengths = {
-            "at rest": self.unloaded_length,
+            "in the unloaded film": self.unloaded_length,
             "at the rim": self.rim_length,
             "at the probe": self.probe_length,
         }
