@@ -50,12 +50,12 @@ class TextTable:
         columns : mapping of str to sequence or ndarray, length n
             Columns by title. Arrays of several dimensions are flattened.
         max_rows : int
-            Maximum number of rows. Of a longer table, the first and the last rows are kept.
+            Maximum number of rows. In a longer table, a row of dots replaces the middle.
 
         Returns
         -------
         TextTable
-            Table of numbers with six digits. None becomes an empty cell.
+            The table as text, with six digits for numbers and an empty cell for None.
         """
         texts = []
         for column in columns.values():

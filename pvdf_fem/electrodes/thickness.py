@@ -27,12 +27,12 @@ def compute_thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
         d33.
     """
     mesh = equilibrium.space.mesh
-    film_forces = equilibrium.film_forces(state)
+    unbalanced_forces = equilibrium.unbalanced_forces(state)
     pressing = np.zeros(mesh.nelements)
     for term in equilibrium.terms:
         if not isinstance(term, LoadTerm):
             continue
-        pressed = term.through_thickness_forces(state, film_forces)
+        pressed = term.through_thickness_forces(state, unbalanced_forces)
         if pressed is not None:
             elements, forces = pressed
             pressing[elements] += forces

@@ -170,7 +170,7 @@ class Coupling(Term):
         return self.space.sum_at_dofs(parts.sum(axis=1), self.elements)
 
     def residual(self, state: State) -> Array:
-        """Return the derivative of the energy with respect to the dofs in N.
+        """Return the gradient of the coupling energy with respect to the dofs, in N.
 
         Returns
         -------

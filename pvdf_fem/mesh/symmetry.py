@@ -301,10 +301,10 @@ def _collect_electrodes(scene: Scene) -> dict[str, Outline]:
 def _iterate_reflections(scene: Scene, slack: float) -> Iterator[Array]:
     """Yield candidates for the reflections that map a scene onto itself.
 
-    The first two are the reflections about the axes. On an isotropic film, more candidates follow:
-    of the points that define the probes' outlines, they map one of those with the largest distance
-    from the centre to each of those with this distance. If all points are at the centre, the
-    points of the electrodes are used instead.
+    The first two are the reflections about the axes. On an isotropic film, more candidates follow.
+    Let P be a defining point of the probes' outlines that is farthest from the centre: a reflection
+    can map it only to a defining point at the same distance, which gives one candidate for each of
+    these points. If all points are at the centre, those of the electrodes are used instead.
 
     Parameters
     ----------

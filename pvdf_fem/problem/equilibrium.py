@@ -180,7 +180,7 @@ class Equilibrium:
                 added[elements] += stress
         return replace(state, stress=state.stress + added, added=added)
 
-    def film_forces(self, state: State) -> Array:
+    def unbalanced_forces(self, state: State) -> Array:
         """Return the internal minus the external forces at all dofs in N.
 
         At equilibrium, only the reactions at constrained dofs differ from zero.
@@ -202,7 +202,7 @@ class Equilibrium:
         -------
         ndarray, shape (unknowns,)
         """
-        return self.unknowns.fold(self.film_forces(state))
+        return self.unknowns.fold(self.unbalanced_forces(state))
 
     def tangent(self, state: State) -> sp.csc_matrix | LowRankUpdate:
         """Return the derivative of `residual` with respect to the unknowns in N/m.
@@ -371,7 +371,7 @@ class Equilibrium:
             Components in the scene's axes.
         """
         is_fixed = self.unknowns.of_dof == FIXED
-        return self._sum_reflections(np.where(is_fixed, self.film_forces(state), 0.0))
+        return self._sum_reflections(np.where(is_fixed, self.unbalanced_forces(state), 0.0))
 
     def applied_force(self, state: State) -> Array:
         """Return the resultant of all loads on the whole film in N.

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from pvdf_fem.arrays import Array, Mask
-from pvdf_fem.report.kind import place_probe
+from pvdf_fem.report.kind import make_scenes_at_positions
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.surrogate.charge_spline import estimate_pressed_outline
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain, TouchColumn
@@ -108,7 +108,7 @@ class MapPoints:
         SceneError
             If the scene does not have exactly one probe, or if the probe does not fit.
         """
-        return place_probe(self.scene, self.points_mm)
+        return make_scenes_at_positions(self.scene, self.points_mm)
 
 
 @dataclass(frozen=True, eq=False)

@@ -414,7 +414,7 @@ def differ_only_in(keys: Sequence[str], scene: Scene, other: Scene) -> bool:
         return False
 
 
-def place_probe(scene: Scene, positions_mm: Array) -> list[Scene]:
+def make_scenes_at_positions(scene: Scene, positions_mm: Array) -> list[Scene]:
     """Return copies of a scene with its probe moved to the given positions.
 
     Parameters
@@ -435,8 +435,8 @@ def place_probe(scene: Scene, positions_mm: Array) -> list[Scene]:
     """
     with prefix_errors("set"):
         if scene.single_probe is None:
-            reason = "has no probe to place; add [probe] to it, or probe.shape here"
-            raise SceneError([format_error("scene", "(no probe)", reason)])
+            reason = "must have exactly one probe to place; give one [probe], or probe.shape here"
+            raise SceneError([f"scene: {reason}"])
     with prefix_errors("reach_mm"):
         scenes = []
         for x, y in positions_mm.tolist():

@@ -12,7 +12,7 @@ MAX_WORDS = 120  #: Maximum number of words in a text.
 Table = dict[str, Any]
 
 
-def _check_length(text: str) -> str:
+def _check_word_count(text: str) -> str:
     """Return the text unchanged; raise a validation error if it has too many words."""
     count = len(text.split())
     if count > MAX_WORDS:
@@ -21,7 +21,7 @@ def _check_length(text: str) -> str:
 
 
 Title = Annotated[str, Field(min_length=1, max_length=100)]
-Text = Annotated[str, AfterValidator(_check_length)]
+Text = Annotated[str, AfterValidator(_check_word_count)]
 
 
 class ScriptSection(Section):

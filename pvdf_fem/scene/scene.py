@@ -424,14 +424,14 @@ class Scene(Result, Section):
     def _from_tables(
         cls, tables: dict[str, Any], source: str, problems: Sequence[str] = ()
     ) -> Scene:
-        """Validate tables, and refuse them if there are earlier errors, too.
+        """Make a scene from its tables; report errors of validation together with earlier ones.
 
         Parameters
         ----------
         tables : dict
             Tables by name, from a scene file or from a changed scene.
         source : str
-            Path or name of the text for the `SceneError`; may be empty.
+            Path or name of the text, for the message of the error; may be empty.
         problems : sequence of str
             Errors that were found before the validation.
 

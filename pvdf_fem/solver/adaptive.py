@@ -389,7 +389,10 @@ def _decide_status(
 
 
 def _explain_status(level: MeshLevel, status: Status, *, stop: Stop, change: float | None) -> str:
-    """Return the advice of a status, with the reachable tolerance or the effect of wrinkles."""
+    """Return the advice for a status; where it applies, add the tolerance that can be reached.
+
+    `change` is the relative change of the charges by wrinkles, which is added for a converged film.
+    """
     tolerance = level.problem.scene.numerics.tolerance
     if status is Status.TOLERANCE:
         reachable = ROUNDING_MARGIN * level.bound

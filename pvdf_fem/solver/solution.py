@@ -135,7 +135,7 @@ class Solution(ElectrodeCharges):
         """
         equilibrium = self.discrete.equilibrium
         state = self.discrete.state
-        forces = equilibrium.film_forces(state)
+        forces = equilibrium.unbalanced_forces(state)
         tilts = {}
         for load in equilibrium.loads:
             if not isinstance(load, Punch):

@@ -60,7 +60,8 @@ def format_significant(value: float, error: float = 0.0) -> str:
     Returns
     -------
     str
-        The last digit is about a tenth of the error. There are at most `MAX_DIGITS` digits, but
+        The last digit is about a tenth of the error; a value that is smaller than its error has two
+        digits. There are at most `MAX_DIGITS` digits, but
         digits left of the decimal point are always written.
     """
     if not math.isfinite(value):

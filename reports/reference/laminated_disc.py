@@ -18,7 +18,7 @@ from pvdf_fem.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class Ply:
-    """A layer: stiffness of plane stress in Pa, (2, 2), lengths in m, and its strain in the unloaded disc."""
+    """A layer: plane-stress stiffness in Pa, (2, 2), lengths in m, strain of the unloaded disc."""
 
     stiffness: Array
     thickness: float

@@ -117,7 +117,7 @@ class Sphere:
             low, high = high, 1.0 + 3.0 * (high - 1.0)
         return guess * float(brentq(moved, low, high, xtol=1e-10))
 
-    # --- the film: N_r and N_t are `stiffness` times the strains, and the tension of the unloaded film
+    # --- the film: N_r and N_t are `stiffness` times the strains, and the unloaded tension
 
     @cached_property
     def _stiffness(self) -> tuple[float, float, float]:

@@ -26,7 +26,7 @@ from pvdf_fem.report.results import ReportResults
 from pvdf_fem.report.task import Rows, Task
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Replaced
-from pvdf_fem.solver.sensitivity.rates import compute_integral_rates
+from pvdf_fem.solver.sensitivity.rates import differentiate_stress_integrals
 from pvdf_fem.view.curves import RING
 from pvdf_fem.view.figures import COLOURS, GREY, WIDTH_MM, get_figure, make_figure
 from pvdf_fem.view.labels import format_signed
@@ -78,7 +78,7 @@ class ChargeRates(Charges):
     def run(self) -> Rows:
         """Return a row for each electrode, with the derivatives by `KEYS`."""
         solution = solve(self.scene)
-        rates = compute_integral_rates(solution, self.KEYS) @ [D_PC_N, D_PC_N]
+        rates = differentiate_stress_integrals(solution, self.KEYS) @ [D_PC_N, D_PC_N]
         rows = []
         for charge, row in zip(solution.charges_pC.values(), rates.T.tolist(), strict=True):
             rows.append({"charge_pC": charge, "rates": row})

@@ -79,7 +79,7 @@ def solve_outputs(problem):
     )
 
 
-def compute_integral_rates(solution, keys):
+def differentiate_stress_integrals(solution, keys):
     """Compute derivatives (keys, electrodes, 2) of the stress integrals by differences."""
     rates = []
     for key in keys:
@@ -98,7 +98,7 @@ def compute_unloaded_integrals(problem, required):
 def patch_solver(patch):
     """Let calibrations solve the made-up sensor."""
     patch.setattr(reading_model, "solve_outputs", solve_outputs)
-    patch.setattr(reading_model, "compute_integral_rates", compute_integral_rates)
+    patch.setattr(reading_model, "differentiate_stress_integrals", differentiate_stress_integrals)
     patch.setattr(reading_model, "compute_unloaded_integrals", compute_unloaded_integrals)
 
 

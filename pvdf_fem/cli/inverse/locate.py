@@ -244,7 +244,7 @@ def _locate(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
     }
     if request.needs_solves:
         location = locate(
-            _with_response_table(sensor, request),
+            _apply_response_options(sensor, request),
             request.readings,
             touches=request.touches,
             progress=request.response.progress,
@@ -269,10 +269,10 @@ def _locate(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, 
     return rank_probes(locations)
 
 
-def _with_response_table(sensor: Scene, request: Request) -> Scene:
-    """Return a copy of the scene whose [model] has the reach and the forces of given options.
+def _apply_response_options(sensor: Scene, request: Request) -> Scene:
+    """Return a copy of the scene with the reach and the force range of the options in [model].
 
-    Without these options, the scene itself is returned.
+    If neither option is given, the scene itself is returned.
     """
     changes: dict[str, Any] = {}
     if request.response.reach_mm is not None:

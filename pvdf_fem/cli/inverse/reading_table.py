@@ -216,18 +216,20 @@ class _JsonWriter:
         self.file.flush()
 
 
-def _parse_csv(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
-    """Yield a list with the header of a CSV table as a row, then lists of its rows as they arrive.
+def _parse_csv(batches: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
+    """Parse batches of lines of a CSV table into batches of rows, as they arrive.
 
-    A `FileError` is raised if a column occurs twice.
+    The first batch is a single row without values, which has the columns of the header. A
+    `FileError` is raised if a column occurs twice.
     """
-    header, *others = next(lines)
+    header, *first_lines = next(batches)
     columns = [column.strip() for column in _split_cells(header, header)]
     for column in sorted(columns):
         if columns.count(column) > 1:
             raise FileError(f"{name}: column {column} occurs twice; rename one")
     yield [Row(dict.fromkeys(columns), True)]
-    batches = itertools.chain([others], lines) if others else lines
+    if first_lines:
+        batches = itertools.chain([first_lines], batches)
     for batch in batches:
         rows = []
         for line in batch:

@@ -71,7 +71,7 @@ def locate_contact_edge(
     width = tip.spec.contact.width
     rays = _make_rays(tip, width)
     origins = rays.origins - _interpolate_displacement(tip, state, rays.origins)[:, :2]
-    last = _find_last_touching(tip, state, _Rays(origins, rays.directions), width)
+    last = _find_contact_widths(tip, state, _Rays(origins, rays.directions), width)
     is_touched = tip.overlap(state).is_touching.any(axis=1)
     size = float(compute_element_sizes(tip.space.mesh)[is_touched].mean())
     core_radius = tip.tip.face_perimeter / (2.0 * np.pi)
@@ -131,7 +131,7 @@ def _make_rays(tip: RigidTip, width: float) -> _Rays:
     return _Rays(points - distances.value[:, None] * distances.normal, distances.normal)
 
 
-def _find_last_touching(tip: RigidTip, state: State, rays: _Rays, width: float) -> Array:
+def _find_contact_widths(tip: RigidTip, state: State, rays: _Rays, width: float) -> Array:
     """Find the distance along each ray up to which the film touches the tip.
 
     Parameters

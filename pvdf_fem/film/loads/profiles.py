@@ -184,7 +184,8 @@ def make_profile(spec: LoadSpec) -> Profile:
     Raises
     ------
     SceneError
-        If its file cannot be read, does not contain a grid, or has another digest than its name.
+        If the file of the profile cannot be read, does not contain a grid, or does not match
+        the digest in `load.profile`.
     """
     if spec.pressure is not None:
         return CallableProfile(spec, spec.pressure)

@@ -31,7 +31,7 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive import compute_unloaded_integrals, solve_outputs
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.sensitivity.parameters import COEFFICIENTS
-from pvdf_fem.solver.sensitivity.rates import compute_integral_rates
+from pvdf_fem.solver.sensitivity.rates import differentiate_stress_integrals
 from pvdf_fem.surrogate.touch_domain import TOUCH_SCENE_KEYS, TouchColumn
 
 #: Relative step of the central differences of the unloaded film.
@@ -225,7 +225,7 @@ class ReadingModel:
             self.solved_at[i] = arguments[i]
             self.unloaded_integrals[i] = unloaded
             self.integrals[i, 0] = solution.discrete.stress_integrals.values
-            self.integrals[i, 1:] = compute_integral_rates(solution, self.keys)
+            self.integrals[i, 1:] = differentiate_stress_integrals(solution, self.keys)
             for j, (name, charge) in enumerate(solution.charges_pC.items()):
                 error = solution.charge_errors_pC[name]
                 self.charge_errors[i, j] = error / max(abs(charge), 1e-12)

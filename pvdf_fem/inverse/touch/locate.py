@@ -301,7 +301,7 @@ def _locate_by_solves(
         As for `locate`.
     """
     from pvdf_fem.inverse.touch.solved_charges import SolvedResponse  # imports gmsh
-    from pvdf_fem.inverse.touch.superposition import search_by_solves
+    from pvdf_fem.inverse.touch.superposition import search_touches_by_solves
 
     errors = list(request.find_errors(scene))
     if errors:
@@ -320,7 +320,7 @@ def _locate_by_solves(
         problem = request.make_measurement(response).make_problem(request.row, response.unknown)
         ends = None
         if problem.is_determinable:
-            ends = search_by_solves(problem, response, options)
+            ends = search_touches_by_solves(problem, response, options)
         return make_location(problem, ends, options)
 
 

@@ -284,7 +284,7 @@ class LocationProblem:
         Returns
         -------
         ndarray, shape (n, electrodes, 1 + k)
-            Augmented matrices [r J]. The columns of all but the `free_columns` are zero in J.
+            Augmented matrices [r J]; in J only the `free_columns` can be nonzero.
         """
         inside = self.project_onto_domain(coordinates)
         columns = self.force_columns
@@ -303,7 +303,7 @@ class LocationProblem:
         if inside is not coordinates:  # some coordinates are outside: extrapolate linearly
             beyond = coordinates - inside
             residuals += np.matmul(jacobian, beyond[:, :, None])[:, :, 0]
-        system *= self._weights[measured]
+        system *= self._weights[measured]  # 1/deviation, and zero in columns that are not free
         return system
 
     @cached_property

@@ -41,7 +41,7 @@ STIFFENING = 0.35
 MIN_FORCE_FRACTION = 0.03
 
 
-def search_by_solves(
+def search_touches_by_solves(
     problem: LocationProblem, response: SolvedResponse, options: LocateOptions
 ) -> SearchResult:
     """Search for the touch of one probe, or of two simultaneous ones, by full solves.
@@ -72,20 +72,20 @@ def search_by_solves(
     refined = options.refined_candidates
     found: list[SearchResult] = []
     for ranks in (slice(refined), slice(refined, None)):
-        initial = np.concatenate([ranked[ranks] for ranked in candidates])
+        initial = np.concatenate([starts[ranks] for starts in candidates])
         ends = run_levenberg_marquardt(coarse, initial, options=options.solved_search)
         ends = search_along_weak_direction(coarse, ends, options)
-        ends = _select_distinct(coarse, ends, swapped_columns, options)
+        ends = _select_distinct_ends(coarse, ends, swapped_columns, options)
         if not ends.coordinates.size:
             continue
         finished = run_levenberg_marquardt(problem, ends.coordinates, options=options.solved_search)
         found.append(finished)
-        min_chi_square = finished.ranking.min()[None]
+        min_chi_square = np.array([finished.ranking.min()])
         if mark_plausible(min_chi_square, problem.degrees_of_freedom, options.significance).any():
             break
     if not found:
         return ends
-    return _select_distinct(problem, concatenate_results(found), swapped_columns, options)
+    return _select_distinct_ends(problem, concatenate_results(found), swapped_columns, options)
 
 
 def _make_coarse_problem(
@@ -209,10 +209,10 @@ def _take_preliminary_steps(
     return ends.coordinates[np.argsort(ends.chi_square)]
 
 
-def _select_distinct(
+def _select_distinct_ends(
     problem: LocationProblem, ends: SearchResult, swapped_columns: Indices, options: LocateOptions
 ) -> SearchResult:
-    """Select the distinct and likely end points of searches at which the scene could be solved.
+    """Select the end points that are distinct, likely, and at which the scene could be solved.
 
     Parameters
     ----------
@@ -222,14 +222,14 @@ def _select_distinct(
         All end points. They are changed in place: equal probes are exchanged so that the first one
         has the smaller x.
     swapped_columns : ndarray of int
-        Columns after equal probes are exchanged, see `SolvedResponse.swapped_columns`.
+        Order of the columns that exchanges the two equal probes; empty without equal probes.
     options : LocateOptions
         Limits that decide which end points are likely, and which are duplicates.
 
     Returns
     -------
     SearchResult
-        Distinct end points of converged searches, the lowest chi-square first; may be empty.
+        The selected end points, the lowest chi-square first; may be empty.
     """
     if swapped_columns.size:
         first_x = ends.coordinates[:, TouchColumn.X]
@@ -237,7 +237,8 @@ def _select_distinct(
         is_swapped = first_x > second_x
         ends.coordinates[is_swapped] = ends.coordinates[is_swapped][:, swapped_columns]
         ends.jacobian[is_swapped] = ends.jacobian[is_swapped][..., swapped_columns]
-    # A lower bound of chi-square if the scene could not be solved, up to the measured charges.
+    # Unsolved scenes get UNSOLVED_PC as charges, so that chi-square is about this or larger (the
+    # measured charges are negligible beside it); 1e-6 leaves a wide margin.
     chi_square_unsolved = np.square(UNSOLVED_PC / problem.deviations_pC).min()
     ends = ends.select(np.flatnonzero(ends.chi_square < 1e-6 * chi_square_unsolved))
     if not ends.coordinates.size:

@@ -96,7 +96,7 @@ def find_reading_errors(
     if reading is not None and reading not in READINGS:
         yield f"reading = {reading}: choose from {', '.join(READINGS)}"
     if unloaded_charges is None:
-        yield from _find_unloaded_errors(scene, reading or get_reading(scene))
+        yield from _find_unloaded_film_errors(scene, reading or get_reading(scene))
 
 
 def _explain_bad_reading(value: Any, channel: ChannelValues, noise_pC: float | None) -> str:
@@ -159,7 +159,7 @@ def _find_deviation_errors(
             yield f"{name} = {_format_value(value)}: must be {allowed}"
 
 
-def _find_unloaded_errors(scene: Scene, reading: str) -> Iterator[str]:
+def _find_unloaded_film_errors(scene: Scene, reading: str) -> Iterator[str]:
     """Yield messages if `reading` is ``change`` and the film has no equilibrium without a load."""
     from pvdf_fem.solver.adaptive import UnloadedFilmError  # imports gmsh
 

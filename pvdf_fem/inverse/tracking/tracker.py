@@ -388,7 +388,7 @@ class Tracker:
         )
 
     def _make_contact_row(self, t: float, contact: Contact) -> TrackRow:
-        """Make the row of the last sample of a contact, without a touch until it is located."""
+        """Make the row of the last sample of a contact; it has no position until it is located."""
         locator = contact.locator
         if locator.candidates is None:
             return TrackRow(t, TrackStatus.STARTING, len(self.touches) + 1)

@@ -14,7 +14,7 @@ from pvdf_fem.report.kind import (
     Inputs,
     differ_only_in,
     get_probe_position_mm,
-    place_probe,
+    make_scenes_at_positions,
 )
 from pvdf_fem.report.kinds.curve_kind import CurveData, CurveKind, SceneSeries
 from pvdf_fem.scene.keys import Length, Number, Section
@@ -140,7 +140,7 @@ class ChargeVsDistance(CurveKind):
                 scene,
                 (electrode,),
                 x=tuple(scheme.list_distances(angle).tolist()),
-                scenes=place_probe(scene, positions_mm),
+                scenes=make_scenes_at_positions(scene, positions_mm),
                 panel=panel,
                 curve=f"{angle:g}°",
             )

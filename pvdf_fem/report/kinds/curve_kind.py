@@ -115,12 +115,18 @@ class CurveKind(ElectrodeKind):
         return scenes
 
     def collect_data(self, inputs: Inputs, results: ReportResults) -> CurveData:
-        """Collect the charges along the curves, and the readings on the curves."""
+        """Collect the computed curves, the measured charges beside them, labels and caption.
+
+        Raises
+        ------
+        NothingToShowError
+            If no scene has computed charges.
+        """
         series = self.list_series(inputs)
         reading = self.resolve_reading(inputs)
-        tables = [_make_table(results, one, reading) for one in series]
-        for one in self._list_data(inputs, series):
-            table = _make_table(results, one, reading)
+        tables = [_make_table(results, curve, reading) for curve in series]
+        for points in self._list_data(inputs, series):
+            table = _make_table(results, points, reading)
             tables.append(table[table.charge_pC.notna()])
         frame = pd.concat([table for table in tables if len(table)], ignore_index=True)
         if not frame.computed_pC.notna().any():
@@ -128,7 +134,7 @@ class CurveKind(ElectrodeKind):
         caption = self.describe_curves()
         rings = self.describe_rings(inputs)
         if rings:
-            caption += f"{rings} Below: computed minus these, in percent."
+            caption += f"{rings} Lower panels: computed minus measured charges, in percent."
         return CurveData(
             frame=frame.rename(columns={"x": self.x_column}),
             rows=_arrange_panels(frame),

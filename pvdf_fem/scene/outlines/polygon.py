@@ -115,9 +115,9 @@ class Polygon(Outline):
 
         Returns
         -------
-        points : ndarray, shape (sides count, 2)
+        points : ndarray, shape (sides * count, 2)
             Quadrature points in m.
-        normals : ndarray, shape (sides count, 2)
+        normals : ndarray, shape (sides * count, 2)
             Outward unit normals multiplied by the quadrature weights in m.
         """
         local, weights = _make_gauss_rule(count)

@@ -146,24 +146,25 @@ class ListedProbe(Probe):
         overrides = self.overrides
         if key in overrides:
             return False
-        # `_override` removes the keys that the overrides exclude
-        return key in _override({key: None}, overrides)
+        # `_override_load_keys` removes the keys that the overrides exclude
+        return key in _override_load_keys({key: None}, overrides)
 
 
 @lru_cache(maxsize=1024)
 def _merge_loads(load: Load, overrides: tuple[tuple[str, Any], ...]) -> Load:
     """Return a load with overridden keys, which are given as pairs of key and value."""
-    return Load(**_override(load.model_dump(), dict(overrides)))
+    return Load(**_override_load_keys(load.model_dump(), dict(overrides)))
 
 
-def _override(table: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
+def _override_load_keys(table: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
     """Set keys of a load's table in place, and return this table.
 
-    Keys that do not go with the new values are removed, see `set_key`.
+    Keys that conflict with the new values are removed, see `set_key`.
     """
     for key, value in overrides.items():
-        alternative = overrides.get(ALTERNATIVE_KEYS.get(key, ""))
-        set_key(table, key, value, alternative)
+        other_key = ALTERNATIVE_KEYS.get(key)
+        other_value = None if other_key is None else overrides.get(other_key)
+        set_key(table, key, value, other_value)
     return table
 
 

@@ -75,7 +75,7 @@ def compute_charge_rates(solution: Solution, keys: Sequence[str]) -> Array:
     return np.array([compute_rate(adjoint, key) for key in keys])
 
 
-def compute_integral_rates(solution: Solution, keys: Sequence[str]) -> Array:
+def differentiate_stress_integrals(solution: Solution, keys: Sequence[str]) -> Array:
     """Compute derivatives of the stress integrals X and Y, without estimating their errors.
 
     Parameters

@@ -180,7 +180,8 @@ def uncertainty(
         unloaded_part = np.zeros(len(names))
         for number, deviation in deviations.items():
             part += deviation * compute_rate(adjoint, number)
-            unloaded_part += deviation * _compute_unloaded_rate(differentiated, unloaded, number)
+            unloaded_rate = _differentiate_unloaded_charges(differentiated, unloaded, number)
+            unloaded_part += deviation * unloaded_rate
         parts[key] = _name_magnitudes_pC(names, part)
         change_parts[key] = _name_magnitudes_pC(names, part - unloaded_part)
         mean_deviations[key] = float(np.mean([*deviations.values()]))
@@ -269,25 +270,27 @@ def _solve_unloaded_adjoint(problem: Problem) -> Adjoint | None:
     return Adjoint.of_solution(factorise_tangent(solution.discrete), problem.unloaded.outputs)
 
 
-def _compute_unloaded_rate(problem: Problem, unloaded: Adjoint | None, key: str) -> Array:
+def _differentiate_unloaded_charges(problem: Problem, unloaded: Adjoint | None, key: str) -> Array:
     """Compute derivatives of the charges of the unloaded film with respect to one key.
 
-    They are zero for keys of probes and loads. If the unloaded film needed no solve (`unloaded` is
-    None), its closed-form charges are differenced.
+    They are zero for all keys outside of [film]. If the unloaded film needed no solve (`unloaded`
+    is None), they come from its closed-form charges: exactly for d31 and d32, and by central
+    differences for other keys.
 
     Returns
     -------
     ndarray, shape (outputs,)
         Derivatives in C per unit of the key.
     """
-    none = np.zeros(len(problem.outputs))
+    zeros = np.zeros(len(problem.outputs))
     if not key.startswith("film."):
-        return none
+        return zeros
     if unloaded is not None:
         return compute_rate(unloaded, key, with_heat=False)
     if key in COEFFICIENTS:
         integrals = compute_uniform_integrals(problem)
         assert integrals is not None
+        # d31 and d32 of the scene are in pC/N
         return 1e-12 * integrals.values[:, COEFFICIENTS.index(key)]
     change = STEP * (abs(get_number(problem.scene, key)) or 1.0)
     d = (problem.scene.film.d31, problem.scene.film.d32)
@@ -295,7 +298,7 @@ def _compute_unloaded_rate(problem: Problem, unloaded: Adjoint | None, key: str)
     for sign in (1.0, -1.0):
         scene = change_number(problem.unloaded_scene, key, sign * change)
         integrals = compute_uniform_integrals(Problem.from_scene(scene))
-        charges.append(none if integrals is None else integrals.charges(d))
+        charges.append(zeros if integrals is None else integrals.charges(d))
     high, low = charges
     return (high - low) / (2.0 * change)
 

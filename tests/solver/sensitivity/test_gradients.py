@@ -12,7 +12,7 @@ from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.changes import get_number
 from pvdf_fem.solver.sensitivity.gradients import gradients
 from pvdf_fem.solver.sensitivity.parameters import PLACE_NAMES, list_parameters
-from pvdf_fem.solver.sensitivity.rates import compute_integral_rates
+from pvdf_fem.solver.sensitivity.rates import differentiate_stress_integrals
 from reports.accuracy.drawn import make_random_scene
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, charges, graded_mesh, values
 
@@ -132,7 +132,7 @@ def turned():
 def test_rates_of_stress_integrals_combine_to_those_of_charges(turned):
     keys = ["load.force_N", "probe.x_mm", "film.thickness_um"]
     derivatives = gradients(turned, keys)
-    by_integrals = compute_integral_rates(turned, keys) @ [8.0, 3.0]
+    by_integrals = differentiate_stress_integrals(turned, keys) @ [8.0, 3.0]
     for key, rates in zip(keys, by_integrals, strict=True):
         assert values(derivatives[key]) == pytest.approx(rates, rel=1e-9)
 
