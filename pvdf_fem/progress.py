@@ -200,10 +200,10 @@ class TaskRunner:
             for name, (result, seconds) in zip(names, results, strict=True):
                 self.seconds.setdefault(name, []).append(seconds)
                 waiting[name] -= 1
-                self._report(waiting)
+                self._report_task_seconds(waiting)
                 yield result
 
-    def _report(self, waiting: Counter[str]) -> None:
+    def _report_task_seconds(self, waiting: Counter[str]) -> None:
         """Report finished and expected seconds if a task of each function has finished.
 
         `waiting` is the number of unfinished tasks by function name.

@@ -149,7 +149,7 @@ def _solve_blocks(
     tasks = _list_tasks(plan, store, solved_elsewhere)
     for number, result in run(_solve_task, tasks):
         scenes = plan.scenes_of(number)
-        records = _finish_records(scenes, result, unloaded)
+        records = _add_unloaded_integrals(scenes, result, unloaded)
         _store_records(scenes, records, store)
         yield number, records
     yield from solved_elsewhere.items()
@@ -175,7 +175,7 @@ def _list_tasks(
             yield number, SolveTask(scenes, block.frames)
 
 
-def _finish_records(
+def _add_unloaded_integrals(
     scenes: list[Scene], result: list[Record] | WorkerDied, unloaded: UnloadedRecords
 ) -> list[Record]:
     """Add the stress integrals of the unloaded films to the records of a task.

@@ -48,14 +48,14 @@ def make_records(scenes: Sequence[Scene], frames: Array) -> list[Record]:
     """
     problems = [Problem.from_scene(scene) for scene in scenes]
     outputs, indices = _collect_outputs(problems, frames)
-    followed = _follow_electrodes(outputs, problems[0])
+    followed = _replace_mesh_patches(outputs, problems[0])
     if followed is not None:
         outputs = followed
         solution = solve_outputs(Problem.from_scene(scenes[0], outputs=outputs))
     else:
         # Electrodes that differ share a solve only if they just read the stress
         # (`Problem.has_passive_electrodes`): the film may be solved without them.
-        bare = _without_electrodes(problems[0])
+        bare = _remove_electrodes(problems[0])
         solution = solve_outputs(Problem.from_scene(bare, outputs=outputs))
     if len(scenes) > 1 and solution.status in RETRIED:
         records = []
@@ -65,7 +65,7 @@ def make_records(scenes: Sequence[Scene], frames: Array) -> list[Record]:
     return _split_solution(solution, outputs, problems=problems, indices=indices)
 
 
-def _without_electrodes(problem: Problem) -> Scene:
+def _remove_electrodes(problem: Problem) -> Scene:
     """Return the scene without electrodes; its film bends if it does with electrodes."""
     film = problem.scene.film.model_copy(update={"bending": problem.film.bends})
     return problem.scene.model_copy(update={"electrodes": (), "film": film})
@@ -93,20 +93,20 @@ def add_unloaded_integrals(record: Record, scene: Scene, unloaded: Record | None
     problem = Problem.from_scene(scene)
     uniform = compute_uniform_integrals(problem)
     if uniform is not None:
-        return _with_unloaded(record, uniform)
+        return _add_unloaded_film_integrals(record, uniform)
     solved = record if unloaded is None else unloaded
     if solved.status not in Status.__members__.values():  # the solve has crashed
         return replace(record, status=solved.status, reason=solved.reason)
     if solved.converged:
         integrals = solved.integrals_by(str(scene.numerics.observable))
-        return _with_unloaded(record, integrals)
+        return _add_unloaded_film_integrals(record, integrals)
     if not record.converged:
         return record
     error = UnloadedFilmError.from_status(scene, solved.status, solved.reason)
     return replace(record, warnings=(*record.warnings, *error.problems))
 
 
-def _with_unloaded(record: Record, integrals: StressIntegrals) -> Record:
+def _add_unloaded_film_integrals(record: Record, integrals: StressIntegrals) -> Record:
     """Return a copy of a record with the stress integrals of the unloaded film."""
     return replace(
         record,
@@ -193,7 +193,7 @@ def _collect_outputs(
     return outputs, indices
 
 
-def _follow_electrodes(outputs: Sequence[Output], problem: Problem) -> list[Output] | None:
+def _replace_mesh_patches(outputs: Sequence[Output], problem: Problem) -> list[Output] | None:
     """Return copies of outputs with the mesh patches of the electrodes of `problem`.
 
     Return None if an output does not coincide with one of these electrodes, or if its axes are not

@@ -145,31 +145,33 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        with self._translated_errors():
+        with self._convert_store_errors():
             name = os.path.abspath(path)
             self._rows = sqlite3.connect(name, timeout=LONGEST_WAIT, isolation_level=None)
         try:
-            self._open()
+            self._prepare_table()
         except BaseException:
             self._rows.close()
             raise
 
-    def _open(self) -> None:
+    def _prepare_table(self) -> None:
         """Make the table in an empty file; raise `StoreError` if the file is damaged."""
         if self._is_empty():
-            with self._transaction():
+            with self._run_transaction():
                 if self._is_empty():  # and no other process has made the table meanwhile
-                    self._execute("CREATE TABLE records (key PRIMARY KEY, record) WITHOUT ROWID")
-                    self._execute(_SIGN)
-        state = self._execute("PRAGMA integrity_check(1)")
+                    self._fetch_first_row(
+                        "CREATE TABLE records (key PRIMARY KEY, record) WITHOUT ROWID"
+                    )
+                    self._fetch_first_row(_SIGN)
+        state = self._fetch_first_row("PRAGMA integrity_check(1)")
         if state != ("ok",):
             raise StoreError(f"{self._path}: damaged: {state[0]}; {_REMOVE}")
 
     def _is_empty(self) -> bool:
         """Return whether the file is empty; raise `StoreError` if it is not a store."""
         # in this order, because another process may create the store between the two queries
-        (tables,) = self._execute("SELECT count(*) FROM sqlite_master")
-        (kind,) = self._execute("PRAGMA application_id")
+        (tables,) = self._fetch_first_row("SELECT count(*) FROM sqlite_master")
+        (kind,) = self._fetch_first_row("PRAGMA application_id")
         if kind != APPLICATION_ID and (kind or tables):
             raise StoreError(f"{self._path}: not a store of this version of pvdf_fem; {_REMOVE}")
         return not kind
@@ -185,7 +187,7 @@ class Store:
 
     def get_value(self, key: str) -> Any:
         """Return the value under a key; None if there is none, or if its row is damaged."""
-        row = self._execute("SELECT record FROM records WHERE key = ?", key)
+        row = self._fetch_first_row("SELECT record FROM records WHERE key = ?", key)
         if not row:
             return None
         try:
@@ -206,29 +208,29 @@ class Store:
 
     def put_values(self, values: Mapping[str, Any]) -> None:
         """Store JSON values under their keys in a single transaction; replace existing ones."""
-        with self._transaction():
+        with self._run_transaction():
             for key, value in values.items():
                 text = zlib.compress(json.dumps([key, value]).encode())
-                self._execute("INSERT OR REPLACE INTO records VALUES (?, ?)", key, text)
+                self._fetch_first_row("INSERT OR REPLACE INTO records VALUES (?, ?)", key, text)
 
     def require_writable(self) -> None:
         """Raise `StoreError` if the file cannot be written; called before a solve."""
-        self._execute(_SIGN)  # writes the application id that the file has already
+        self._fetch_first_row(_SIGN)  # writes the application id that the file has already
 
     @contextmanager
-    def _transaction(self) -> Iterator[None]:
+    def _run_transaction(self) -> Iterator[None]:
         """Run the block in a transaction: commit it at the end, or roll it back on an error."""
-        with self._translated_errors(), self._rows:
-            self._execute("BEGIN IMMEDIATE")
+        with self._convert_store_errors(), self._rows:
+            self._fetch_first_row("BEGIN IMMEDIATE")
             yield
 
-    def _execute(self, query: str, *values: str | bytes) -> Any:
+    def _fetch_first_row(self, query: str, *values: str | bytes) -> Any:
         """Execute a query, and return the first row of its result; None if it has no rows."""
-        with self._translated_errors():
+        with self._convert_store_errors():
             return self._rows.execute(query, values).fetchone()
 
     @contextmanager
-    def _translated_errors(self) -> Iterator[None]:
+    def _convert_store_errors(self) -> Iterator[None]:
         """Raise errors of SQLite and of the file system in the block as `StoreError`."""
         try:
             yield
@@ -244,7 +246,7 @@ class Store:
 
     def close(self) -> None:
         """Close the file."""
-        with self._translated_errors():
+        with self._convert_store_errors():
             self._rows.close()
 
     def __enter__(self) -> Self:

@@ -149,7 +149,7 @@ def run_on_cluster(
     ClusterLostError
         If the scheduler stops answering.
     """
-    client = _connect(scheduler)
+    client = _connect_to_scheduler(scheduler)
     with client:
         executor = client.get_executor(pure=False)
         try:
@@ -165,7 +165,7 @@ def run_on_cluster(
             raise ClusterLostError(text) from error
 
 
-def _connect(scheduler: str) -> Any:
+def _connect_to_scheduler(scheduler: str) -> Any:
     """Connect to a Dask scheduler; raise `ClusterError` without dask or without an answer."""
     try:
         # otherwise a scheduler that stops is logged with its traceback

@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
     if errors:
         raise InputError(*errors)
     if options.list:
-        return _print_files(list(choice.list_files(scene, options.scene)), options)
+        return _print_response_file_checks(list(choice.list_files(scene, options.scene)), options)
     response = load_or_build_response(scene, options.scene, choice)
     file = str(choice.find_path(scene, options.scene))
     if options.json:
@@ -96,7 +96,9 @@ def run(options: argparse.Namespace) -> int:
     return ExitCode.CONVERGED if is_accurate else ExitCode.NOT_CONVERGED
 
 
-def _print_files(files: Sequence[tuple[Path, str]], options: argparse.Namespace) -> int:
+def _print_response_file_checks(
+    files: Sequence[tuple[Path, str]], options: argparse.Namespace
+) -> int:
     """Print for each response file whether it can be used, as text or as JSON.
 
     Parameters

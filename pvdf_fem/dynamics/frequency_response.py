@@ -118,7 +118,7 @@ def respond(
         next_order = motion.next_order.reduce(frequencies, show)
     resonances = reduced.find_resonances_Hz(frequencies.max())
     if refined:
-        frequencies = _refine_about_resonances(frequencies, resonances)
+        frequencies = _add_frequencies_near_resonances(frequencies, resonances)
     charges = reduced.compute_charges(frequencies).T
     errors = np.abs(next_order.compute_charges(frequencies).T - charges)
     readings = {}
@@ -135,7 +135,7 @@ def respond(
     )
 
 
-def _refine_about_resonances(
+def _add_frequencies_near_resonances(
     frequencies_Hz: Array, resonances_Hz: Array, nearest: float = 1e-3, count: int = 12
 ) -> Array:
     """Return the sorted frequencies together with frequencies on both sides of the resonances.

@@ -98,14 +98,14 @@ def compute_spectra(
         return vacuum
     if coarse.equilibrium.scene.air is None:
         return {VACUUM: vacuum}
-    pencil = _add_air(coarse.equilibrium, pencil)
-    rich_pencil = _add_air(rich.equilibrium, rich_pencil)
+    pencil = _add_air_mass(coarse.equilibrium, pencil)
+    rich_pencil = _add_air_mass(rich.equilibrium, rich_pencil)
     air = _compute_spectrum(coarse, rich, pencil, rich_pencil, count, on_solve=on_solve)
     assert isinstance(air, Spectrum)  # The stiffness is the same as in vacuum, and had modes there.
     return {VACUUM: vacuum, AIR: air}
 
 
-def _add_air(equilibrium: Equilibrium, pencil: Pencil) -> Pencil:
+def _add_air_mass(equilibrium: Equilibrium, pencil: Pencil) -> Pencil:
     """Return a copy of a pencil that includes the added mass of the scene's air."""
     air = AirLoad.from_equilibrium(equilibrium)
     return Pencil(pencil.stiffness, LowRankUpdate(pencil.mass, air.root))

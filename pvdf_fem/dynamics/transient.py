@@ -114,7 +114,7 @@ def transient(
     errors = np.abs(_sum_modes(next_order, terms, times) - charges)
     readings = {}
     for i, channel in enumerate(channels):
-        readings_of_electrodes = _compute_readings(channel, modes, terms, times)
+        readings_of_electrodes = _compute_reading_changes(channel, modes, terms, times)
         readings[channel.name] = readings_of_electrodes[i]
     return Transient(
         solution,
@@ -179,7 +179,7 @@ def _compute_damped_modes(equations: MotionEquations, tested_Hz: Array) -> Dampe
     return DampedModes(poles, modal.force * modal.rates.T)
 
 
-def _compute_readings(
+def _compute_reading_changes(
     channel: Channel, modes: DampedModes, terms: ForceHistory, times_s: Array
 ) -> Array:
     """Compute the changes of readings if all electrodes were connected to the same channel.

@@ -65,7 +65,7 @@ def list_misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misread
     names = [channel.name for channel in channels]
     same_order = tuple(range(len(channels)))
     ones = np.ones(len(channels))
-    for order in _list_orders(len(channels)):
+    for order in _list_wrong_channel_orders(len(channels)):
         text = _describe_order(names, order)
         yield Misreading("swapped_channels", text, order=order, factors=ones)
     for units, ratio in _list_unit_ratios(channels, unit):
@@ -115,7 +115,7 @@ def _list_unit_ratios(channels: Sequence[Channel], unit: str) -> Iterator[tuple[
             yield equal_units, ratio
 
 
-def _list_orders(count: int) -> Iterator[tuple[int, ...]]:
+def _list_wrong_channel_orders(count: int) -> Iterator[tuple[int, ...]]:
     """Yield wrong orders of channels: all up to `MAX_PERMUTED` channels, else swaps of two."""
     if count <= MAX_PERMUTED:
         orders = permutations(range(count))

@@ -131,7 +131,7 @@ def evaluate_at(
         for points that are not on the film.
     """
     outside = coerce("outside", outside, Literal["refuse", "nan"])
-    x, y = _broadcast(coerce_array("x_mm", x_mm), coerce_array("y_mm", y_mm))
+    x, y = _broadcast_coordinates(coerce_array("x_mm", x_mm), coerce_array("y_mm", y_mm))
     radius_mm = 1e3 * equilibrium.film.radius
     is_outside = ~(np.hypot(x, y) <= radius_mm * (1.0 + RIM_SLACK))
     if is_outside.any() and outside == "refuse":
@@ -145,7 +145,7 @@ def evaluate_at(
     return _make_point_values(equilibrium, ElementValues(*values), x=x, y=y)
 
 
-def _broadcast(x: Array, y: Array) -> tuple[Array, Array]:
+def _broadcast_coordinates(x: Array, y: Array) -> tuple[Array, Array]:
     """Broadcast coordinates together; raise ValueError if their shapes do not fit."""
     try:
         x, y = np.broadcast_arrays(x, y)

@@ -58,7 +58,7 @@ class StressIntegrals:
         ndarray, shape (outputs,)
             Charges in the unit of `d` times N.
         """
-        return _combine(self.values, d)
+        return _combine_stress_integrals(self.values, d)
 
     def charge_errors(self, d: ArrayLike, min_fraction: float = 0.5) -> Array:
         """Compute the estimated absolute errors of `charges`.
@@ -79,8 +79,8 @@ class StressIntegrals:
         ndarray, shape (outputs,)
             Errors in the unit of `d` times N.
         """
-        errors = np.abs(_combine(self.errors, d))
-        magnitudes = _combine(np.abs(self.values), np.abs(d))
+        errors = np.abs(_combine_stress_integrals(self.errors, d))
+        magnitudes = _combine_stress_integrals(np.abs(self.values), np.abs(d))
         total = magnitudes.sum()
         mean = errors.sum() / total if total > 0.0 else 0.0
         return np.asarray(np.maximum(errors, min_fraction * mean * magnitudes))
@@ -231,7 +231,7 @@ def combine_charges(outputs: Sequence[Output], integrals: Array) -> Array:
     -------
     ndarray, shape (outputs,)
     """
-    return _combine(integrals, piezo_coefficients(outputs))
+    return _combine_stress_integrals(integrals, piezo_coefficients(outputs))
 
 
 def select_larger_errors(errors: Array, others: Array, outputs: Sequence[Output]) -> Array:
@@ -315,7 +315,7 @@ def compute_charge_scales(
     stress = np.abs(state.stress[..., :2]) * space.weights[..., None]
     mean_stress = stress.sum(axis=(0, 1)) / space.weights.sum()
     d = np.abs(piezo_coefficients(outputs))
-    by_parts = CANCELLATION_FRACTION * _combine(np.abs(integrals), d)
+    by_parts = CANCELLATION_FRACTION * _combine_stress_integrals(np.abs(integrals), d)
     by_mean_stress = negligible * output_areas(outputs) * (d @ mean_stress)
     charges = np.abs(combine_charges(outputs, integrals))
     scales = np.maximum(charges, np.maximum(by_parts, by_mean_stress))
@@ -353,7 +353,7 @@ def measure_area_defects(
     return np.abs(meshed / areas - 1.0)
 
 
-def _combine(integrals: Array, d: ArrayLike) -> Array:
+def _combine_stress_integrals(integrals: Array, d: ArrayLike) -> Array:
     """Compute d31 X + d32 Y from stress integrals, shape (outputs, 2), for each output."""
     return np.asarray((integrals * np.asarray(d)).sum(axis=1))
 

@@ -70,7 +70,7 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
         ellipses = [_magnify(ellipse) for ellipse in ellipses]
     rows = []
     for key, value in values.items():
-        rows.append((_format_name(scene, key), f"{value:.4g}", f"{deviations[key]:.2g}"))
+        rows.append((_format_key_name(scene, key), f"{value:.4g}", f"{deviations[key]:.2g}"))
     return {
         "message": message,
         "ellipses": [to_point_list(ellipse) for ellipse in ellipses],
@@ -137,14 +137,14 @@ def _estimate_covariance(solution: Solution, values: dict[str, float], noise: fl
     ]
     singular_values = np.linalg.svd(jacobian * scales, compute_uv=False)
     if len(readings) < len(values) or singular_values[-1] < 1.0:
-        names = ", ".join(_format_name(scene, key) for key in values)
+        names = ", ".join(_format_key_name(scene, key) for key in values)
         raise ValueError(
             f"{len(readings)} electrodes do not determine {names}; add electrodes, or move them"
         )
     return np.asarray(np.linalg.inv(jacobian.T @ jacobian))
 
 
-def _format_name(scene: Scene, key: str) -> str:
+def _format_key_name(scene: Scene, key: str) -> str:
     """Format a scene key in words, after its table if this is one of a list of tables."""
     table, _, name = key.rpartition(".")
     title = format_title(find_section(scene, table), name)

@@ -151,15 +151,15 @@ class Handler(BaseHTTPRequestHandler):
             self.send_error(403)
         elif url.path in FILES:
             name, media_type = FILES[url.path]
-            self._send(Path(__file__).with_name(name).read_text("utf-8"), media_type)
+            self._send_text(Path(__file__).with_name(name).read_text("utf-8"), media_type)
         elif url.path == "/view":
             query = parameters.get("at", "")
             view = describe_view(self.start, query, change=parameters.get("change", ""))
-            self._send(json.dumps({"name": self.name, **view}))
+            self._send_text(json.dumps({"name": self.name, **view}))
         else:
-            self._answer_about_view(url.path, parameters.get("at", ""))
+            self._answer_view_request(url.path, parameters.get("at", ""))
 
-    def _answer_about_view(self, path: str, query: str) -> None:
+    def _answer_view_request(self, path: str, query: str) -> None:
         """Answer a request for the results, the certainty or the scene file of a view.
 
         The answer is error 400 if the query of the view is invalid, and 404 for another path.
@@ -170,15 +170,15 @@ class Handler(BaseHTTPRequestHandler):
             return self.send_error(400)
         text = view.scene.to_toml()
         if path == "/picture":
-            self._send(json.dumps(_run_in_solver(collect_results, text, view.quantity)))
+            self._send_text(json.dumps(_run_in_solver(collect_results, text, view.quantity)))
         elif path == "/certainty":
-            self._send(json.dumps(_run_in_solver(estimate_certainty, text, view.noise)))
+            self._send_text(json.dumps(_run_in_solver(estimate_certainty, text, view.noise)))
         elif path == "/scene.toml":
-            self._send(text, "application/toml")
+            self._send_text(text, "application/toml")
         else:
             self.send_error(404)
 
-    def _send(self, text: str, media_type: str = "application/json") -> None:
+    def _send_text(self, text: str, media_type: str = "application/json") -> None:
         """Send a text as the answer, with a header that forbids the browser to cache it."""
         body = text.encode()
         self.send_response(200)

@@ -96,7 +96,7 @@ class Membrane(Laminate, Term):
         stress = flat if is_uniform else np.broadcast_to(mean, flat.shape)
         undeformed = np.broadcast_to(IDENTITY, (*self.volumes.shape, 3, 2))
         return self.space.sum_at_dofs(
-            self.space.integrate_flux(self._first_piola(undeformed, stress))
+            self.space.integrate_flux(self._compute_piola(undeformed, stress))
         )
 
     def internal_forces(self, state: State) -> Array:
@@ -106,7 +106,7 @@ class Membrane(Laminate, Term):
         -------
         ndarray, shape (dofs,)
         """
-        flux = self._first_piola(state.deformation_gradient, self.constitutive_stress(state))
+        flux = self._compute_piola(state.deformation_gradient, self.constitutive_stress(state))
         return self.space.sum_at_dofs(self.space.integrate_flux(flux))
 
     def element_action(self, state: State, x: Array) -> Array:
@@ -122,7 +122,7 @@ class Membrane(Laminate, Term):
         F = state.deformation_gradient
         step = self.space.displacement_gradient(x)
         stress_rate = apply_matrix(self.tangent_stiffness(state), compute_strain_rate(F, step))
-        flux = self._first_piola(step, state.stress) + self._first_piola(F, stress_rate)
+        flux = self._compute_piola(step, state.stress) + self._compute_piola(F, stress_rate)
         forces = self.space.integrate_flux(flux)
         if self.law.wrinkles:
             forces += apply_matrix(self._damping(state), x[self.space.element_dofs])
@@ -147,7 +147,7 @@ class Membrane(Laminate, Term):
         stiffness = self.tangent_stiffness(state)
         factors = np.empty((*self.volumes.shape, 3, 3))
         for i in range(3):
-            d11, d12, _, d22 = self._derivatives(state, stiffness, i, i)  # d21 equals d12
+            d11, d12, _, d22 = self._differentiate_piola(state, stiffness, i, i)  # d21 equals d12
             factors[..., i] = np.concatenate([d11, 2.0 * d12, d22], axis=-1)
         rows = self.space.gradient_rows
         g1, g2 = rows[:, 0::2], rows[:, 1::2]
@@ -189,14 +189,14 @@ class Membrane(Laminate, Term):
         blocks = np.empty((count, functions, 3, functions, 3))
         for first in range(0, count, chunk_size):
             chunk = slice(first, first + chunk_size)
-            products = self._tangent_products(state, stiffness, chunk)
+            products = self._multiply_tangents(state, stiffness, chunk)
             for k, (i, j) in enumerate(COMPONENT_PAIRS):
                 blocks[chunk, :, i, :, j] = products[:, :, k]
                 blocks[chunk, :, j, :, i] = products[:, :, k].swapaxes(1, 2)
         matrices = blocks.reshape(count, 3 * functions, 3 * functions)
         return matrices + self._damping(state) if self.law.wrinkles else matrices
 
-    def _tangent_products(self, state: State, stiffness: Array, chunk: slice) -> Array:
+    def _multiply_tangents(self, state: State, stiffness: Array, chunk: slice) -> Array:
         """Compute the blocks of displacement components of the tangents in a chunk of elements.
 
         Parameters
@@ -218,13 +218,13 @@ class Membrane(Laminate, Term):
         g1, g2 = rows[:, 0::2], rows[:, 1::2]
         fluxes = np.empty((elements, lines // 2, 2, len(COMPONENT_PAIRS), functions))
         for k, (i, j) in enumerate(COMPONENT_PAIRS):
-            d11, d12, d21, d22 = self._derivatives(state, stiffness, i, j, chunk)
+            d11, d12, d21, d22 = self._differentiate_piola(state, stiffness, i, j, chunk)
             fluxes[:, :, 0, k] = d11 * g1 + d12 * g2
             fluxes[:, :, 1, k] = d21 * g1 + d22 * g2
         products = np.matmul(rows.swapaxes(1, 2), fluxes.reshape(elements, lines, -1))
         return products.reshape(elements, functions, len(COMPONENT_PAIRS), functions)
 
-    def _derivatives(
+    def _differentiate_piola(
         self, state: State, stiffness: Array, i: int, j: int, chunk: slice = ALL
     ) -> tuple[Array, Array, Array, Array]:
         """Differentiate row i of the first Piola-Kirchhoff stress F S with respect to row j of F.
@@ -307,7 +307,7 @@ class Membrane(Laminate, Term):
             ]
         )
 
-    def _first_piola(self, deformation_gradient: Array, stress: Array) -> Array:
+    def _compute_piola(self, deformation_gradient: Array, stress: Array) -> Array:
         """Return the first Piola-Kirchhoff stress F S times `volumes`.
 
         Parameters
@@ -328,7 +328,7 @@ class Membrane(Laminate, Term):
         return np.stack([s11 * f1 + s12 * f2, s12 * f1 + s22 * f2])
 
     @cached_property
-    def _laplace(self) -> Array:
+    def _laplace_matrices(self) -> Array:
         """Element matrices of the integral of grad v : grad u, cached for `_damping`."""
         return self.space.laplace_matrices()
 
@@ -340,7 +340,7 @@ class Membrane(Laminate, Term):
         ndarray, shape (elements, element dofs, element dofs)
             Matrices in N/m.
         """
-        return (state.damping + self.floor) * self.mean_tension(state) * self._laplace
+        return (state.damping + self.floor) * self.mean_tension(state) * self._laplace_matrices
 
     def mean_tension(self, state: State, min_strain: float = 1e-16) -> float:
         """Return the tension in N/m, averaged over the film and both principal directions.

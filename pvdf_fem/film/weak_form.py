@@ -42,7 +42,7 @@ def make_residual_form(film: Film) -> LinearForm:
     def form(v: Any, p: Any) -> Array:
         F = _deformation_gradient(p.displacement)
         S = _stress(F, film)
-        return film.thickness * _double_contraction(S, _sym(F, v.grad))
+        return film.thickness * _double_contraction(S, _compute_strain_variation(F, v.grad))
 
     return LinearForm(form)
 
@@ -56,8 +56,8 @@ def make_tangent_form(film: Film) -> BilinearForm:
     def form(u: Any, v: Any, p: Any) -> Array:
         F = _deformation_gradient(p.displacement)
         S = _stress(F, film)
-        material_stress = _apply_stiffness(_sym(F, u.grad), film)
-        material = _double_contraction(material_stress, _sym(F, v.grad))
+        material_stress = _apply_stiffness(_compute_strain_variation(F, u.grad), film)
+        material = _double_contraction(material_stress, _compute_strain_variation(F, v.grad))
         geometric = _double_contraction(S, np.einsum("ca...,cb...->ab...", v.grad, u.grad))
         return film.thickness * (material + geometric)
 
@@ -69,7 +69,7 @@ def _deformation_gradient(displacement: Any) -> Array:
     return np.eye(3, 2)[:, :, None, None] + displacement.grad
 
 
-def _sym(F: Array, gradient: Array) -> Array:
+def _compute_strain_variation(F: Array, gradient: Array) -> Array:
     """Return sym(F^T grad v), shape (2, 2, elements, points), for `gradient` = grad v."""
     product = np.einsum("ca...,cb...->ab...", F, gradient)
     return 0.5 * (product + product.swapaxes(0, 1))

@@ -159,7 +159,7 @@ def sample_posterior(
         unknown == TouchColumn.ROTATION, find_rotation_period_deg(problem.response), 0.0
     )
     mixture = _make_mixture(problem, touches, maxima, widening, min_fraction, freedom)
-    standard = _draw_standard(len(unknown), draws, freedom)
+    standard = _draw_standard_samples(len(unknown), draws, freedom)
     component = np.searchsorted(np.cumsum(mixture.fractions)[:-1], standard.level)
     normal_steps = np.matmul(mixture.roots[component], standard.normal[:, :, None])[:, :, 0]
     steps = standard.radius[:, None] * normal_steps
@@ -235,7 +235,7 @@ class _StandardDraws(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def _draw_standard(dimension: int, draws: int, freedom: float) -> _StandardDraws:
+def _draw_standard_samples(dimension: int, draws: int, freedom: float) -> _StandardDraws:
     """Draw the random numbers from which samples of any mixture are made, with a fixed seed.
 
     Parameters

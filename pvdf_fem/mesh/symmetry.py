@@ -196,7 +196,7 @@ def _make_sector(
     SymmetrySector
     """
     outlines = {}
-    for name, outline in _collect_electrodes(scene).items():
+    for name, outline in _collect_electrode_outlines(scene).items():
         outlines[name] = outline.transform(frame)
     names = list(outlines)
     centres = np.array([outline.centroid for outline in outlines.values()])
@@ -293,7 +293,7 @@ def _remove_tangential_force(probe: LoadedProbe) -> Load:
     return probe.load.model_copy(update={"tangential_N": None})
 
 
-def _collect_electrodes(scene: Scene) -> dict[str, Outline]:
+def _collect_electrode_outlines(scene: Scene) -> dict[str, Outline]:
     """Return the outline of each electrode by its name."""
     return {electrode.name: electrode.outline for electrode in scene.electrode_list}
 
@@ -324,7 +324,7 @@ def _iterate_reflections(scene: Scene, slack: float) -> Iterator[Array]:
         return
     points = _collect_defining_points(probe.outline for probe in scene.loaded_probes)
     if np.abs(points).max() <= slack:
-        points = _collect_defining_points(_collect_electrodes(scene).values())
+        points = _collect_defining_points(_collect_electrode_outlines(scene).values())
     distance = np.linalg.norm(points, axis=1)
     if distance.max(initial=0.0) <= slack:
         return

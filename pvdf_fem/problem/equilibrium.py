@@ -107,7 +107,7 @@ class Equilibrium:
         The copy does not take over cached values that depend on the terms.
         """
         other = copy(self)
-        for name in ("unknowns", "assembly", "flat_forces", "_forces_without_load"):
+        for name in ("unknowns", "assembly", "flat_forces", "_forces_of_nonuniform_stress"):
             other.__dict__.pop(name, None)
         other.terms = list(terms)
         return other
@@ -261,7 +261,7 @@ class Equilibrium:
             Forces in N.
         """
         x = self.unknowns.expand(step)
-        return _add_existing(term.element_action(state, x) for term in self.terms)
+        return _add_given_arrays(term.element_action(state, x) for term in self.terms)
 
     def action(self, state: State, step: Array) -> Array:
         """Multiply the tangent by a step of the unknowns in m; return forces in N.
@@ -273,7 +273,7 @@ class Equilibrium:
         ndarray, shape (unknowns,)
         """
         x = self.unknowns.expand(step)
-        return self.unknowns.fold(_add_existing(term.action(state, x) for term in self.terms))
+        return self.unknowns.fold(_add_given_arrays(term.action(state, x) for term in self.terms))
 
     def diagonal(self, state: State) -> Array:
         """Return an approximate diagonal of the tangent in N/m, to scale the unknowns.
@@ -285,7 +285,7 @@ class Equilibrium:
         -------
         ndarray, shape (unknowns,)
         """
-        diagonal = _add_existing(term.diagonal(state) for term in self.terms)
+        diagonal = _add_given_arrays(term.diagonal(state) for term in self.terms)
         return self.unknowns.fold_diagonal(diagonal)
 
     def energy_along(self, state: State, step: Array, slope: float) -> Array:
@@ -310,7 +310,7 @@ class Equilibrium:
             Coefficients of 1, s, ..., s^4 in J, where s is the fraction of the step.
         """
         x = self.unknowns.expand(step)
-        energy = _add_existing(term.energy_along(state, x) for term in self.terms)
+        energy = _add_given_arrays(term.energy_along(state, x) for term in self.terms)
         energy[1] = slope
         return energy
 
@@ -325,7 +325,7 @@ class Equilibrium:
         return self.membrane.state(np.zeros(self.space.dof_count))
 
     @cached_property
-    def _forces_without_load(self) -> Array:
+    def _forces_of_nonuniform_stress(self) -> Array:
         """The part of `flat_forces` that is not by loads, but by a nonuniform stress, in N."""
         return self.flat_forces - self.unknowns.fold(self.load_forces(self._flat_state))
 
@@ -340,7 +340,7 @@ class Equilibrium:
         These are the loads at `state` and the forces of a nonuniform stress in the flat film.
         """
         loads = self.unknowns.fold(self.load_forces(state))
-        return float((loads + self._forces_without_load) @ q)
+        return float((loads + self._forces_of_nonuniform_stress) @ q)
 
     @property
     def is_abrupt(self) -> bool:
@@ -409,7 +409,7 @@ class Equilibrium:
         return np.append(total[:2] @ self.sector.frame, total[2])
 
 
-def _add_existing(arrays: Iterable[Array | None]) -> Array:
+def _add_given_arrays(arrays: Iterable[Array | None]) -> Array:
     """Add the arrays that are not None; at least one must not be."""
     existing = [array for array in arrays if array is not None]
     total = existing[0]

@@ -62,7 +62,7 @@ def compute_mechanical_key(problem: Problem) -> MechanicalKey:
     scene.require_plain_charges("a sweep", "coupling")
     if not problem.has_passive_electrodes:
         return MechanicalKey(scene.to_toml(), np.eye(2))
-    if not _can_be_rotated(scene):
+    if not _can_have_equivalent_scenes(scene):
         return MechanicalKey(describe_mechanics(problem), np.eye(2))
     # with film.bending = "auto" it depends on the electrodes whether the film bends
     film = scene.film
@@ -98,7 +98,7 @@ def describe_mechanics(problem: Problem, scene: Scene | None = None) -> str:
     return f"{tables} {problem.scene.film.weight} {problem.film.bends}"
 
 
-def _can_be_rotated(scene: Scene) -> bool:
+def _can_have_equivalent_scenes(scene: Scene) -> bool:
     """Return whether rotation, reflection or scaling of a scene can give an equivalent scene.
 
     This holds for a homogeneous film under the uniform load of a single probe without tangential
@@ -170,12 +170,12 @@ def _list_frames(points: Array, centre: Array, isotropy: str) -> list[Array]:
     # rotate the centroid to the x axis, or a corner if the centroid is at the film's centre
     is_central = np.linalg.norm(centre) < 10.0**-DIGITS
     targets = points if is_central else centre[None]
-    rotations = [_rotate_to_x_axis(point) for point in targets]
+    rotations = [_find_rotation_to_x_axis(point) for point in targets]
     mirror = np.diag([1.0, -1.0])
     return [*rotations, *(mirror @ rotation for rotation in rotations)]
 
 
-def _rotate_to_x_axis(point: Array) -> Array:
+def _find_rotation_to_x_axis(point: Array) -> Array:
     """Return the rotation that brings a point to the positive x axis; identity at the origin."""
     distance = np.linalg.norm(point)
     if distance < 10.0**-DIGITS:

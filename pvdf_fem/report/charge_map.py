@@ -170,7 +170,7 @@ class ChargeMap:
         # the error of a logarithm is already a relative error
         scale = np.where(is_logarithmic, 1.0, np.abs(charges).max(axis=0))
         is_inner = np.linalg.norm(points_mm, axis=1) < points.reach_mm - 1e-6
-        errors = _cross_validate(points_mm, values)[is_inner] / scale
+        errors = _cross_validate_spline(points_mm, values)[is_inner] / scale
         force_N = points.scene.load.force_N
         return cls(
             # a map has charges on the film, which do not depend on amplifiers and stage
@@ -233,7 +233,7 @@ def _fit_spline(points_mm: Array, values: Array) -> RBFInterpolator:
     return RBFInterpolator(points_mm, values, kernel="quintic", degree=2)
 
 
-def _cross_validate(points_mm: Array, values: Array) -> Array:
+def _cross_validate_spline(points_mm: Array, values: Array) -> Array:
     """Estimate the errors of the spline by cross-validation with `FOLDS` folds.
 
     Parameters

@@ -137,7 +137,7 @@ class Readings:
                 charges[i] = _convert_volts_to_pC(charges[i], scene, names)
         if reading == self.reading:
             return charges
-        unloaded = _compute_unloaded_charges(scenes, names)
+        unloaded = _compute_charges_without_load(scenes, names)
         return charges + unloaded if reading == "total" else charges - unloaded
 
     @property
@@ -204,7 +204,7 @@ def read_data(name: str, source: DataSource, scene: Scene, folder: Path) -> Read
     problems = []
     for column in frame.columns:
         if column in electrodes or column == ERROR_MM:
-            problems += _find_bad_numbers(where, frame[column])
+            problems += _describe_invalid_cells(where, frame[column])
             frame = frame.assign(**{column: _parse_numbers(frame[column])})
         elif column not in columns and "." not in column:
             reason = f"is neither a scene key nor an electrode; {suggest(column, columns)}"
@@ -229,7 +229,7 @@ def _parse_numbers(column: pd.Series) -> pd.Series:
     return numbers.astype(float)
 
 
-def _find_bad_numbers(where: str, column: pd.Series) -> list[str]:
+def _describe_invalid_cells(where: str, column: pd.Series) -> list[str]:
     """Return an error message for each cell of a column that is neither empty nor finite."""
     problems = []
     is_bad = column.notna() & ~np.isfinite(_parse_numbers(column))
@@ -358,7 +358,7 @@ def _convert_volts_to_pC(readings_V: Array, scene: Scene, names: Sequence[str]) 
     return charges_pC
 
 
-def _compute_unloaded_charges(scenes: Sequence[Scene], names: Sequence[str]) -> Array:
+def _compute_charges_without_load(scenes: Sequence[Scene], names: Sequence[str]) -> Array:
     """Compute the charges of the unloaded films in pC.
 
     Returns

@@ -230,7 +230,7 @@ class _ReportBuilder:
         self._write_page()
         for pending in self.items.values():
             if not pending.missing:
-                self._compose(pending)
+                self._compose_item(pending)
 
     def add(self, key: Scene | str, result: Record | Rows | WorkerDied) -> None:
         """Add a result, and compose the items whose results are now complete.
@@ -247,9 +247,9 @@ class _ReportBuilder:
             if key in pending.missing:
                 pending.missing.remove(key)
                 if not pending.missing:
-                    self._compose(pending)
+                    self._compose_item(pending)
 
-    def _compose(self, pending: _PendingItem) -> None:
+    def _compose_item(self, pending: _PendingItem) -> None:
         """Compose an item, write its files and the page, and record its failures."""
         item, scenes, tasks = pending.needed
         results = ReportResults(self.results)

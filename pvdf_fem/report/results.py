@@ -63,18 +63,18 @@ class ReportResults:
         ndarray, shape (n, m)
             In pC; NaN for a scene without charges or without the electrode.
         """
-        charges = self._read_records(scenes, names, _read_charges)
+        charges = self._read_values_from_records(scenes, names, _read_charges)
         if reading == "change":
             return charges - self.get_unloaded_charges(scenes, names)
         return charges
 
     def get_unloaded_charges(self, scenes: Sequence[Scene], names: Sequence[str]) -> Array:
         """Return the charges of the unloaded films in pC, an array of shape (scenes, names)."""
-        return self._read_records(scenes, names, _read_unloaded_charges)
+        return self._read_values_from_records(scenes, names, _read_charges_without_load)
 
     def get_errors(self, scenes: Sequence[Scene], names: Sequence[str]) -> Array:
         """Return estimated discretisation errors in pC, an array of shape (scenes, names)."""
-        return self._read_records(scenes, names, _read_charge_errors)
+        return self._read_values_from_records(scenes, names, _read_charge_errors)
 
     def make_table(
         self,
@@ -160,7 +160,7 @@ class ReportResults:
         count = len(first_warnings)
         return [f"{count} of the scenes have warnings, such as: {first_warnings[0]}"]
 
-    def _read_records(
+    def _read_values_from_records(
         self,
         scenes: Sequence[Scene],
         names: Sequence[str],
@@ -202,7 +202,7 @@ def _read_charges(record: Record, scene: Scene) -> Array:
     return integrals.charges(_get_coefficients(scene))
 
 
-def _read_unloaded_charges(record: Record, scene: Scene) -> Array:
+def _read_charges_without_load(record: Record, scene: Scene) -> Array:
     """Return the charges of a record's electrodes in pC on the unloaded film."""
     return record.unloaded.charges(_get_coefficients(scene))
 

@@ -314,7 +314,7 @@ class _ScriptReader:
                     where = f"section[{number}].{form}[{index}]"
                     kind = self._read_kind(kinds, entry, where)
                     if kind is not None:
-                        full = self._read_full(kind, entry, where)
+                        full = self._read_full_item(kind, entry, where)
                         name = self._choose_name(kind, where, where_by_name)
                         items.append(Item(number, where, name=name, kind=kind, full=full))
         return tuple(items)
@@ -338,7 +338,7 @@ class _ScriptReader:
         self.problems.append(format_error(f"{where}.kind", name, reason))
         return None
 
-    def _read_full(self, kind: Kind, table: Table, where: str) -> Kind:
+    def _read_full_item(self, kind: Kind, table: Table, where: str) -> Kind:
         """Return an item's keys with the values of `full` applied.
 
         If these values are invalid, the keys are returned unchanged.

@@ -37,13 +37,13 @@ class HasScene(Protocol):
 SceneLike: TypeAlias = Scene | str | Path | Mapping[str, Any] | HasScene
 
 
-def _as_tuple(names: Any) -> Any:
+def _wrap_name_in_tuple(names: Any) -> Any:
     """Return a tuple of a single name; return anything else as it is."""
     return (names,) if isinstance(names, str) else names
 
 
 #: One or more names; a single name may be given without a tuple.
-Names = Annotated[tuple[str, ...], Field(min_length=1), BeforeValidator(_as_tuple)]
+Names = Annotated[tuple[str, ...], Field(min_length=1), BeforeValidator(_wrap_name_in_tuple)]
 
 
 class ValuesByName(dict[str, Value]):

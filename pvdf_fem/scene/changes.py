@@ -64,12 +64,12 @@ def parse_key(key: str) -> Steps:
         return ()
     steps = re.findall(r"[^.[\]]+", key)
     is_index = [re.fullmatch("[0-9]{1,9}", step) for step in steps]
-    return _move_out_of_load(
+    return _move_steps_out_of_load(
         tuple(int(s) if index else s for s, index in zip(steps, is_index, strict=True))
     )
 
 
-def _move_out_of_load(steps: Steps) -> Steps:
+def _move_steps_out_of_load(steps: Steps) -> Steps:
     """Convert ``probe[0].load.force_N`` to ``probe[0].force_N``, where the force is stored.
 
     All `FORCE_KEYS` of listed probes are converted; other keys are returned unchanged.
@@ -231,7 +231,7 @@ def iterate_values(steps: Steps, value: Any) -> Iterator[tuple[Steps, Any]]:
     if isinstance(value, Mapping) and not isinstance(value, Replaced):
         yield steps, _TABLE
         for key, item in value.items():
-            inner_steps = _move_out_of_load((*steps, _escape_surrogates(key)))
+            inner_steps = _move_steps_out_of_load((*steps, _escape_surrogates(key)))
             yield from iterate_values(inner_steps, item)
     else:
         yield steps, to_plain_value(value)

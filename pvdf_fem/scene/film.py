@@ -193,7 +193,7 @@ class Film(Section):
 
     @field_validator("bending", "coupling", mode="before")
     @classmethod
-    def _reject_other_words(cls, value: Any) -> Any:
+    def _require_boolean_or_auto(cls, value: Any) -> Any:
         """Refuse values other than true, false and ``"auto"``."""
         if isinstance(value, bool) or value == "auto":
             return value
@@ -201,7 +201,7 @@ class Film(Section):
 
     @field_validator("patches")
     @classmethod
-    def _reject_patches(cls, value: Any, info: ValidationInfo) -> Any:
+    def _reject_patches_outside_rim(cls, value: Any, info: ValidationInfo) -> Any:
         """Refuse patches entirely outside of the rim; return None for an empty list.
 
         Refuse also a patch's thermal expansion if the film has a pretension, which determines no

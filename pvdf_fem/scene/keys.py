@@ -117,12 +117,12 @@ class Key:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
         """Make pydantic's schema of the type `source` with `limits`, `words` and `needs`."""
-        schema = self._restrict(handler(source))
+        schema = self._restrict_schema(handler(source))
         if self.needs is None:
             return schema
         return with_info_after_validator_function(self._check_needs, schema)
 
-    def _restrict(self, schema: Any) -> Any:
+    def _restrict_schema(self, schema: Any) -> Any:
         """Return a schema of pydantic with restricted numbers and texts.
 
         Numbers and booleans are not converted from other types, and numbers must be finite and
@@ -130,14 +130,14 @@ class Key:
         recursively, except for schemas of models in it.
         """
         if isinstance(schema, list):
-            return [self._restrict(part) for part in schema]
+            return [self._restrict_schema(part) for part in schema]
         if not isinstance(schema, dict) or schema.get("type") == "model":
             return schema
         kind = schema.get("type")
         if kind == "str" and self.words:
             return literal_schema([*self.words])
         if kind not in ("float", "int", "bool"):
-            return {name: self._restrict(part) for name, part in schema.items()}
+            return {name: self._restrict_schema(part) for name, part in schema.items()}
         strict = {**schema, "strict": True}
         if kind == "float":
             strict["allow_inf_nan"] = False

@@ -106,7 +106,7 @@ class LoadOverrides(Section):
 
     @field_validator("force_N")
     @classmethod
-    def _reject_force(cls, value: float | None, info: ValidationInfo) -> float | None:
+    def _reject_invalid_force(cls, value: float | None, info: ValidationInfo) -> float | None:
         """Refuse a force if a depth is given, too, and a zero force on a tip."""
         if info.data.get("depth_mm") is not None:
             reason = "is incompatible with depth_mm, from which the force is computed"

@@ -30,7 +30,7 @@ class ResponseDomain(Section):
 
     @field_validator("force_range_N")
     @classmethod
-    def _require_range(cls, value: tuple[float, float]) -> tuple[float, float]:
+    def _require_increasing_forces(cls, value: tuple[float, float]) -> tuple[float, float]:
         """Refuse a pair of forces that does not increase."""
         minimum, maximum = value
         if minimum >= maximum:

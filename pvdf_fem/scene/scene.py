@@ -111,7 +111,7 @@ class Scene(Result, Section):
                 raise SceneError(describe_scene_errors(error, tables, type(self))) from None
 
     @model_validator(mode="after")
-    def _reject_combinations(self) -> Self:
+    def _reject_incompatible_tables(self) -> Self:
         """Refuse tables that are valid by themselves, but incompatible with each other."""
         problems = list(islice(self._find_combination_errors(), MAX_ERRORS + 1))
         if problems:

@@ -321,7 +321,7 @@ def _make_solution(level: MeshLevel, stop: Stop, history: Sequence[MeshRecord]) 
         discrete = replace(discrete, stress_integrals=replace(integrals, errors=errors))
     change = None if wrinkling is None else wrinkling.relative
     status = _decide_status(level, discrete, stop=stop, change=change)
-    charges_pC = _charges_by_stress_pC(problem, discrete.stress_integrals)
+    charges_pC = _compute_charges_by_stress_pC(problem, discrete.stress_integrals)
     effects = problem.describe_effects(charges_pC)
     warnings = [*problem.film.warnings]
     warnings += list_warnings(discrete.solved, discrete.solved_state, change)
@@ -340,7 +340,9 @@ def _make_solution(level: MeshLevel, stop: Stop, history: Sequence[MeshRecord]) 
     )
 
 
-def _charges_by_stress_pC(problem: Problem, integrals: StressIntegrals) -> dict[str, float] | None:
+def _compute_charges_by_stress_pC(
+    problem: Problem, integrals: StressIntegrals
+) -> dict[str, float] | None:
     """Return charges without heat and d33 in pC by electrode, or None if the numbers differ.
 
     The numbers of outputs and electrodes differ if the outputs are not those of the scene.

@@ -223,14 +223,14 @@ class AdaptiveLoop(Generic[T]):
                 self.problem.film.mesh_policy.min_jacobian_ratio,
                 contacts=self.find_contacts(coarser),
                 check_element_count=partial(
-                    self._require_affordable, overestimate=self.rules.overestimate
+                    self._require_affordable_mesh, overestimate=self.rules.overestimate
                 ),
             )
         if coarser is None:
-            self._require_affordable(mesh.nelements)
+            self._require_affordable_mesh(mesh.nelements)
         return self.solve_on_given_mesh(mesh, coarser=coarser, start=start)
 
-    def _require_affordable(self, elements: float, overestimate: float = 1.0) -> None:
+    def _require_affordable_mesh(self, elements: float, overestimate: float = 1.0) -> None:
         """Raise `TooManyUnknownsError` if a mesh certainly exceeds the budget.
 
         The true number of elements is at least `elements` divided by `overestimate`.

@@ -65,7 +65,7 @@ class ElectrodeCharges(Result):
             charges += 1e12 * compute_heat_charges(self.problem, discrete.solved)
         if film.d33_pC_N is not None:
             charges += 1e12 * compute_thickness_charges(discrete.equilibrium, discrete.state)
-        return self._label_by_electrode(charges)
+        return self._map_electrodes_to_values(charges)
 
     @property
     def charge_errors_pC(self) -> dict[str, float]:
@@ -83,12 +83,12 @@ class ElectrodeCharges(Result):
         All are NaN if the unloaded film has no result, which a warning reports; then
         `charge_changes_pC` are NaN, too.
         """
-        return self._label_by_electrode(self._unloaded.charges(self._coefficients_pC_N))
+        return self._map_electrodes_to_values(self._unloaded.charges(self._coefficients_pC_N))
 
     @property
     def rest_charge_errors_pC(self) -> dict[str, float]:
         """Estimated absolute error in pC of each of `rest_charges_pC`; NaN like these."""
-        return self._label_by_electrode(self._unloaded.charge_errors(self._coefficients_pC_N))
+        return self._map_electrodes_to_values(self._unloaded.charge_errors(self._coefficients_pC_N))
 
     @property
     def charge_changes_pC(self) -> dict[str, float]:
@@ -128,7 +128,7 @@ class ElectrodeCharges(Result):
             raise SceneError(["readout: is required for readings; add [readout]"])
         charges = list(self.charges_pC.values())
         changes = list(self.charge_changes_pC.values())
-        return self._label_by_electrode(compute_readings_V(self.scene, charges, changes))
+        return self._map_electrodes_to_values(compute_readings_V(self.scene, charges, changes))
 
     @property
     def electrode_voltages_V(self) -> dict[str, float]:
@@ -159,14 +159,16 @@ class ElectrodeCharges(Result):
             Charge in pC by electrode, without the charges caused by heat and by d33.
         """
         coefficients = coerce_array("d31_pC_N, d32_pC_N", [d31_pC_N, d32_pC_N])
-        return self._label_by_electrode(self.discrete.stress_integrals.charges(coefficients))
+        return self._map_electrodes_to_values(self.discrete.stress_integrals.charges(coefficients))
 
     def charge_errors_by(self, d31_pC_N: float, d32_pC_N: float) -> dict[str, float]:
         """Compute the estimated absolute errors in pC of `charges_by`, by electrode."""
         coefficients = (d31_pC_N, d32_pC_N)
-        return self._label_by_electrode(self.discrete.stress_integrals.charge_errors(coefficients))
+        return self._map_electrodes_to_values(
+            self.discrete.stress_integrals.charge_errors(coefficients)
+        )
 
-    def _label_by_electrode(self, values: Array) -> dict[str, float]:
+    def _map_electrodes_to_values(self, values: Array) -> dict[str, float]:
         """Return a mapping of electrode names to values, given in the scene's order."""
         names = [electrode.name for electrode in self.scene.electrode_list]
         return ValuesByName(zip(names, values.tolist(), strict=True))

@@ -240,7 +240,7 @@ class Solution(ElectrodeCharges):
         """
         results: dict[str, Any] = {"reason": self.reason}
         if self.status is Status.CONVERGED:
-            results = self._results_to_json()
+            results = self._convert_results_to_json()
         return {
             "status": str(self.status),
             **results,
@@ -255,14 +255,14 @@ class Solution(ElectrodeCharges):
             "history": [record.to_json() for record in self.history],
         }
 
-    def _results_to_json(self) -> dict[str, Any]:
+    def _convert_results_to_json(self) -> dict[str, Any]:
         """Return charges and other results of a converged solve for JSON.
 
         Charges that are NaN for any electrode are None.
         """
         results: dict[str, Any] = {}
         for name in CHARGE_PROPERTIES:
-            results[name] = _none_if_unknown(getattr(self, name))
+            results[name] = _discard_values_with_nan(getattr(self, name))
         results["deflection_max_mm"] = self.deflection_max_mm
         results["force_balance"] = self.force_balance
         if self.contacts:
@@ -273,9 +273,9 @@ class Solution(ElectrodeCharges):
         if punches:
             results["punches"] = {patch: asdict(tilt) for patch, tilt in punches.items()}
         if find_floating_electrodes(self.scene):
-            results["electrode_voltages_V"] = _none_if_unknown(self.electrode_voltages_V)
+            results["electrode_voltages_V"] = _discard_values_with_nan(self.electrode_voltages_V)
         if self.scene.readout is not None:
-            results["readings_V"] = _none_if_unknown(self.readings_V)
+            results["readings_V"] = _discard_values_with_nan(self.readings_V)
             results["time_constants_s"] = {
                 channel.name: finite_or_none(channel.time_constant)
                 for channel in make_channels(self.scene)
@@ -402,7 +402,7 @@ class Solution(ElectrodeCharges):
         )
 
 
-def _none_if_unknown(values: dict[str, float]) -> dict[str, float] | None:
+def _discard_values_with_nan(values: dict[str, float]) -> dict[str, float] | None:
     """Return values for JSON, which has no NaN: None instead of all if any value is NaN."""
     is_unknown = any(math.isnan(value) for value in values.values())
     return None if is_unknown else values

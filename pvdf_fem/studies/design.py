@@ -247,7 +247,7 @@ def _make_dataset(
         description, unit = MAPS[name]
         arranged = values.reshape(*grid.shape, *values.shape[1:])
         data[name] = ([*dims, *POSITION_DIMS], arranged, make_attributes(description, unit))
-    _add_statistics(data)
+    _add_position_statistics(data)
     error_bounds = columns.response_error_bounds.reshape(grid.shape)
     about = make_attributes("error bound of the response, relative to the charge", "1")
     data["model_error_bound"] = (dims, error_bounds, about)
@@ -256,7 +256,7 @@ def _make_dataset(
     return data
 
 
-def _add_statistics(data: xarray.Dataset) -> None:
+def _add_position_statistics(data: xarray.Dataset) -> None:
     """Add variables with statistics over the positions to a dataset of designs, in place.
 
     These are the medians and the largest values of the standard deviations of position and force,

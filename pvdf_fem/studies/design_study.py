@@ -68,7 +68,7 @@ class DesignStudy:
         if errors:
             raise SceneError(errors)
         tables = _make_axis_tables(vary)
-        scene, dropped = _drop_readout_values(scene.with_(stage=None), tables)
+        scene, dropped = _reset_readout_values(scene.with_(stage=None), tables)
         grid = _make_grid(scene, tables)
         scenes = grid.scenes()
         try:
@@ -170,7 +170,7 @@ def _group_scenes(scene: Scene, scenes: Sequence[Scene]) -> list[ResponseGroup]:
     return groups
 
 
-def _drop_readout_values(
+def _reset_readout_values(
     scene: Scene, tables: Sequence[Mapping[str, Any]]
 ) -> tuple[Scene, Sequence[str]]:
     """Replace readout values by electrode by their defaults if the names of the electrodes vary.

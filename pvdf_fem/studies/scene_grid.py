@@ -129,12 +129,12 @@ class SceneGrid:
                 scene = _change_scene(self.scene, changes)
             except SceneError as error:
                 for text in error.problems:
-                    errors.setdefault(text, _name_changes(text, changes))
+                    errors.setdefault(text, _append_changes_to_message(text, changes))
                 wrong_count += 1
                 if wrong_count == MAX_ERRORS:
                     break
                 continue
-            scenes.append(_share_parts(scene, shared_parts))
+            scenes.append(_share_scene_parts(scene, shared_parts))
         if errors:
             raise SceneError([*errors.values()][:MAX_ERRORS])
         return scenes
@@ -186,7 +186,7 @@ def _change_scene(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     return changed
 
 
-def _name_changes(error: str, changes: Mapping[str, Any]) -> str:
+def _append_changes_to_message(error: str, changes: Mapping[str, Any]) -> str:
     """Append the changed keys and values to an error message, unless it begins with such a key."""
     if error.partition(" = ")[0] in changes:
         return error
@@ -194,7 +194,7 @@ def _name_changes(error: str, changes: Mapping[str, Any]) -> str:
     return f"{error} (with {values})"
 
 
-def _share_parts(scene: Scene, shared_parts: dict[Any, Any]) -> Scene:
+def _share_scene_parts(scene: Scene, shared_parts: dict[Any, Any]) -> Scene:
     """Return an equal scene whose parts are the objects of previous scenes if these are equal.
 
     Parameters

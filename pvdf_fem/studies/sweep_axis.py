@@ -127,7 +127,7 @@ def parse_axes(
         if axis is not None:
             axes.append(axis)
     if not errors:
-        errors += _find_conflicts(axes)
+        errors += _find_axis_conflicts(axes)
     if not errors:
         errors += _find_overridden_keys(axes)
     if errors:
@@ -172,14 +172,14 @@ def _parse_axis(
         errors.append(format_error(f"{where}.name", name, reason))
     if "mapping" in varied:
         lines = varied.pop("mapping")
-        for key, value in _flatten(varied):
+        for key, value in _flatten_nested_tables(varied):
             reason = "cannot vary together with a mapping; give it an axis of its own"
             errors.append(format_error(f"{where}.{key}", value, reason))
         if name is None:
             name = "place"
         return _parse_mapping_axis(f"{where}.mapping", lines, scene, name, errors)
     values: dict[str, Any] = {}
-    for key, value in _flatten(varied):
+    for key, value in _flatten_nested_tables(varied):
         normal_key = normalize_key(key)
         if normal_key in values:
             reason = "is the same key as a previous one; remove one of them"
@@ -207,7 +207,7 @@ def _is_netcdf_name(name: Any) -> bool:
     return name.isprintable() and _NETCDF_NAME.fullmatch(name) is not None
 
 
-def _flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def _flatten_nested_tables(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the dotted keys of nested tables, each with the list or range of its values.
 
     Parameters
@@ -220,7 +220,7 @@ def _flatten(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
     for key, value in table.items():
         is_table = isinstance(value, Mapping)
         if is_table and not {"start", "stop", "count"} & value.keys():
-            yield from _flatten(value, f"{prefix}{key}.")
+            yield from _flatten_nested_tables(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value
 
@@ -327,7 +327,7 @@ def _parse_mapping_axis(
     return SweepAxis(name, values, extra_coordinates)
 
 
-def _find_conflicts(axes: Sequence[SweepAxis]) -> Iterator[str]:
+def _find_axis_conflicts(axes: Sequence[SweepAxis]) -> Iterator[str]:
     """Yield an error message for each conflict between axes.
 
     Conflicts are equal names, equal keys, names that are reserved or the key of another axis, and
@@ -372,12 +372,12 @@ def _find_overridden_keys(axes: Sequence[SweepAxis]) -> Iterator[str]:
             path = parse_key(key)
             for depth in range(1, len(path)):
                 tables = values_by_path.get(path[:depth], ())
-                if any(_has_value(table, path[depth:]) for table in tables):
+                if any(_has_value_at_path(table, path[depth:]) for table in tables):
                     reason = "a table that varies contains this key; remove it from one of them"
                     yield format_error(f"axes[{index}]", key, reason)
 
 
-def _has_value(table: Any, path: Sequence[Any]) -> bool:
+def _has_value_at_path(table: Any, path: Sequence[Any]) -> bool:
     """Return whether nested tables and lists have a value at a path of keys and indices."""
     value = table
     try:

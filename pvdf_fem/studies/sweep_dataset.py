@@ -192,27 +192,27 @@ def make_coordinates(grid: SceneGrid) -> dict[str, Any]:
     """
     name_counts = Counter(axis.name for axis in grid.axes)
     for axis in grid.axes:
-        name_counts.update(_get_last_part(key) for key in axis.values)
+        name_counts.update(_get_last_key_part(key) for key in axis.values)
     coordinates: dict[str, Any] = {}
     for axis in grid.axes:
         for key, values in axis.values.items():
-            last_part = _get_last_part(key)
+            last_part = _get_last_key_part(key)
             name = last_part if name_counts[last_part] == 1 else key
             if len(axis.values) == 1:
                 name = axis.name  # A coordinate with the name of its dimension is its index.
             attributes = {"key": key, **describe_key(key)}
-            coordinates[name] = (axis.name, _make_labels(values), attributes)
+            coordinates[name] = (axis.name, _make_coordinate_labels(values), attributes)
         for name, numbers in axis.extra_coordinates.items():
             coordinates[name] = (axis.name, list(numbers), describe_key(name))
     return coordinates
 
 
-def _get_last_part(key: str) -> str:
+def _get_last_key_part(key: str) -> str:
     """Return the part of a dotted key after the last dot."""
     return key.rpartition(".")[-1]
 
 
-def _make_labels(values: Sequence[Any]) -> list[Any]:
+def _make_coordinate_labels(values: Sequence[Any]) -> list[Any]:
     """Convert the values of a coordinate to floats if all are numbers, otherwise to texts.
 
     Values that are not texts are then converted to JSON.

@@ -150,7 +150,9 @@ def dataset(
         "reading": measurement.reading,
         "model_error_bound": response.error_bound,
     }
-    return _make_dataset(response, _move_to_stage(response, drawn), by_electrode, attributes)
+    return _make_dataset(
+        response, _convert_touches_to_stage(response, drawn), by_electrode, attributes
+    )
 
 
 def find_request_errors(
@@ -186,7 +188,7 @@ def find_request_errors(
     yield from find_noise_and_response_errors(scene, domain, tolerance, sigma, noise_pC, reading)
 
 
-def _move_to_stage(response: Response, touches: Array) -> Array:
+def _convert_touches_to_stage(response: Response, touches: Array) -> Array:
     """Convert touches from the frame of the film to that of the scene's stage.
 
     Parameters

@@ -108,7 +108,9 @@ def build_response(
     processes = coerce("processes", processes, int | None)
     with show_progress("CPU seconds", progress) as show:
         runner = TaskRunner(processes, show)
-        response = _build_within_tolerance(scene, domain, tolerance, options, runner=runner)
+        response = _build_response_within_tolerance(
+            scene, domain, tolerance, options, runner=runner
+        )
     if file is not None:
         response.save(file)
     return response
@@ -123,7 +125,7 @@ class _BuildResults:
     solves: Sequence[Any]
 
 
-def _build_within_tolerance(
+def _build_response_within_tolerance(
     scene: Scene,
     domain: Domain,
     tolerance: float,

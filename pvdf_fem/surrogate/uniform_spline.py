@@ -60,7 +60,7 @@ class _Grid(NamedTuple):
 
 
 class _CellRows(NamedTuple):
-    """Rows of `UniformSpline._matrix` with the coefficients that a cell needs."""
+    """Rows of `UniformSpline._coefficient_matrix` with the coefficients that a cell needs."""
 
     #: Number of rows from one coefficient to the next along each axis, shape (axes,).
     strides: Indices
@@ -72,7 +72,7 @@ class _Weights(NamedTuple):
     """Weights of the coefficients in the values and derivatives at n points."""
 
     values: Array  #: Weights, shape (n, results, 4^axes).
-    rows: Indices  #: Rows of the coefficients in `UniformSpline._matrix`, shape (n, 4^axes).
+    rows: Indices  #: Rows of `UniformSpline._coefficient_matrix`, shape (n, 4^axes).
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +141,7 @@ class UniformSpline:
                 [self.evaluate_with_gradient(points[i : i + at_once]) for i in starts]
             )
         weights = self._compute_weights(points, self._polynomials)
-        return np.matmul(weights.values, self._matrix.take(weights.rows, axis=0))
+        return np.matmul(weights.values, self._coefficient_matrix.take(weights.rows, axis=0))
 
     def sum_weighted(self, points: Array, factors: Array) -> Array:
         """Compute weighted sums of the functions over sets of points.
@@ -163,13 +163,15 @@ class UniformSpline:
         n, m = factors.shape
         values_only = self._polynomials[:, :, :4]
         weights = self._compute_weights(points.reshape(n * m, -1), values_only)
-        products = (weights.values[:, 0] * factors.reshape(-1, 1)).astype(self._matrix.dtype)
+        products = (weights.values[:, 0] * factors.reshape(-1, 1)).astype(
+            self._coefficient_matrix.dtype
+        )
         # Row i of the matrix has the weights of all coefficients of all points of set i.
         weights_per_set = weights.rows.shape[1] * m
         starts = weights_per_set * np.arange(n + 1)
-        shape = (n, len(self._matrix))
+        shape = (n, len(self._coefficient_matrix))
         matrix = sp.csr_matrix((products.ravel(), weights.rows.ravel(), starts), shape)
-        return matrix @ self._matrix
+        return matrix @ self._coefficient_matrix
 
     def _compute_weights(self, points: Array, polynomials: Array) -> _Weights:
         """Compute the weights of the coefficients in values or derivatives at several points.
@@ -181,7 +183,7 @@ class UniformSpline:
         polynomials : ndarray, shape (axes, 4, 4 results)
             Columns of `_polynomials` for the results to compute: the value, or also derivatives.
         """
-        grid = self._grid
+        grid = self._axis_arrays
         n, axes = points.shape
         position = (points - grid.starts) * grid.cells_per_unit
         for i, axis in enumerate(self.axes):
@@ -190,7 +192,7 @@ class UniformSpline:
         cell = np.minimum(np.maximum(position.astype(np.int64), 0), grid.last_cells)
         # shape (axes, n, powers)
         powers = (position - cell).T[:, :, None] ** _POWERS
-        factors = np.matmul(powers, polynomials).astype(self._matrix.dtype, copy=False)
+        factors = np.matmul(powers, polynomials).astype(self._coefficient_matrix.dtype, copy=False)
         factors = factors.reshape(axes, n, -1, 4)
         # The weights are outer products of the B-splines of all axes.
         weights = factors[0]
@@ -201,7 +203,7 @@ class UniformSpline:
         return _Weights(weights, first_rows[:, None] + self._cell_rows.offsets)
 
     @cached_property
-    def _matrix(self) -> NDArray[np.floating]:
+    def _coefficient_matrix(self) -> NDArray[np.floating]:
         """Coefficients as a matrix with a row for each coefficient of the tensor product.
 
         Returns
@@ -211,7 +213,7 @@ class UniformSpline:
         return self.coefficients.reshape(-1, self.coefficients.shape[-1])
 
     @cached_property
-    def _grid(self) -> _Grid:
+    def _axis_arrays(self) -> _Grid:
         """First values, inverse steps and last cells of all axes as arrays."""
         starts = np.array([axis.start for axis in self.axes])
         steps = np.array([axis.step for axis in self.axes])
@@ -235,7 +237,7 @@ class UniformSpline:
 
     @cached_property
     def _cell_rows(self) -> _CellRows:
-        """Strides and offsets of the rows of a cell in `_matrix`."""
+        """Strides and offsets of the rows of a cell in `_coefficient_matrix`."""
         axes = len(self.axes)
         # The stride of an axis is the product of the counts of the axes after it.
         counts_from_last = self.coefficients.shape[-2:0:-1]

@@ -114,7 +114,7 @@ def _draw_parity(data: CalibrationData) -> Figure:
     """Draw measured against predicted readings, with limits that may hide outliers."""
     figure = make_figure(SIZE_MM, SIZE_MM)
     ax = figure.subplots()
-    _plot_by_channel(ax, data, data.predicted.T, data.readings.T)
+    _plot_points_by_channel(ax, data, data.predicted.T, data.readings.T)
     is_used = ~data.is_outlier
     limits = _compute_limits([data.readings[is_used], data.predicted[is_used]])
     ax.plot(limits, limits, color=GREY, linewidth=0.8, zorder=0)
@@ -134,7 +134,7 @@ def _draw_residuals(data: CalibrationData) -> Figure:
     ax = figure.subplots()
     percent = 100.0 * (data.readings / data.predicted - 1.0)
     rows = np.tile(data.rows.astype(float), (len(data.channels), 1))
-    _plot_by_channel(ax, data, rows, percent.T)
+    _plot_points_by_channel(ax, data, rows, percent.T)
     ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
     ax.set(xlabel="row", ylabel="reading / predicted reading − 1 (%)", title="Residuals")
     used = percent[~data.is_outlier]
@@ -142,7 +142,7 @@ def _draw_residuals(data: CalibrationData) -> Figure:
     return figure
 
 
-def _plot_by_channel(ax: Axes, data: CalibrationData, x: Array, y: Array) -> None:
+def _plot_points_by_channel(ax: Axes, data: CalibrationData, x: Array, y: Array) -> None:
     """Plot y against x for each channel, with a black cross on each outlier.
 
     Parameters

@@ -233,7 +233,7 @@ def _draw_panel(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> li
         x = rows.x.to_numpy(float)
         charges = rows.computed_pC.to_numpy(float)
         colour = colours[str(name)]
-        ax.plot(*_interpolate(x, charges), color=colour)
+        ax.plot(*_interpolate_curve_points(x, charges), color=colour)
         ax.plot(x, charges, "o", color=colour, markersize=DOT_SIZE)
         if charges.size and np.isfinite(charges[-1]):
             ends.append(LabelledPoint(x[-1], charges[-1], name=str(name), colour=colour))
@@ -262,7 +262,7 @@ def _set_log_scales(ax: Axes) -> None:
         axis.set_minor_formatter(NullFormatter())
 
 
-def _interpolate(x: Array, y: Array) -> tuple[Array, Array]:
+def _interpolate_curve_points(x: Array, y: Array) -> tuple[Array, Array]:
     """Interpolate points by a modified Akima spline, which does not oscillate between them.
 
     Parameters

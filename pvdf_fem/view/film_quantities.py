@@ -119,7 +119,7 @@ def sample_field(
     return SampledField(points, triangles, film_map.values(points))
 
 
-def _triangulate(film: FilmData, film_map: FilmMap) -> tuple[Triangulation, Array]:
+def _triangulate_field(film: FilmData, film_map: FilmMap) -> tuple[Triangulation, Array]:
     """Return the triangulation of a sampled field in mm, and the values at its corners."""
     points, triangles, values = sample_field(film, film_map)
     return Triangulation(points.x_mm.ravel(), points.y_mm.ravel(), triangles), values.ravel()
@@ -144,7 +144,7 @@ def _draw_filled_contours(ax: Axes, film: FilmData, film_map: FilmMap) -> Scalar
     ScalarMappable
         The artist for a colour bar.
     """
-    triangulation, values = _triangulate(film, film_map)
+    triangulation, values = _triangulate_field(film, film_map)
     colours = choose_colours([0.0, *values], film_map.colours)
     # a flat film has a range of zero
     high = colours.high if colours.high > colours.low else colours.low + 1e-9
@@ -173,7 +173,7 @@ def _draw_continuous_field(ax: Axes, film: FilmData, film_map: FilmMap) -> Scala
     ScalarMappable
         The artist for a colour bar.
     """
-    triangulation, values = _triangulate(film, film_map)
+    triangulation, values = _triangulate_field(film, film_map)
     colours = choose_colours(values, film_map.colours)
     origin = np.clip(0.0, colours.low, colours.high)
 

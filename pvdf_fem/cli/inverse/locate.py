@@ -173,7 +173,7 @@ def run(options: argparse.Namespace) -> int:
     with convert_value_errors():
         if options.csv is not None:
             return locate_table(scenes[options.scene], request, options)
-        matches = _locate(scenes, request)
+        matches = _rank_probe_matches(scenes, request)
     best = matches[0].location
     try:
         if options.plot and best.touches:
@@ -209,7 +209,7 @@ def _read_scenes(options: argparse.Namespace, request: Request) -> dict[str, Sce
     return scenes
 
 
-def _locate(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, ...]:
+def _rank_probe_matches(scenes: Mapping[str, Scene], request: Request) -> tuple[ProbeMatch, ...]:
     """Locate the touch with the probe of each scene, and rank the probes by likelihood.
 
     Missing responses are built, and stored in files.

@@ -163,12 +163,12 @@ class _RowLocator:
             if row.is_complete:
                 cells |= {name: to_plain(column[i]) for name, column in columns.items()}
             else:
-                cells |= _make_malformed(columns)
+                cells |= _make_malformed_row_cells(columns)
             located.append(cells)
         return located
 
 
-def _make_malformed(columns: dict[str, Any]) -> dict[str, Any]:
+def _make_malformed_row_cells(columns: dict[str, Any]) -> dict[str, Any]:
     """Return the cells for a malformed row: a status, an empty remark, and None otherwise."""
     from pvdf_fem.inverse.touch.touch import TouchStatus
 

@@ -98,15 +98,15 @@ def read_rows(
     lines = _read_lines(stream, name)
     first_lines = next(lines, [""])
     require_utf8_lines(first_lines[0].encode("utf-8", "surrogateescape"), name)
-    parse = _parse_csv if table_format == ".csv" else _parse_json
+    parse = _parse_csv if table_format == ".csv" else _parse_json_rows
     batches = parse(itertools.chain([first_lines], lines), name)
     header = next(batches, [Row({}, True)])
     columns = list(header[0].cells)
-    _check_columns(columns, electrodes, name)
+    _check_electrode_columns(columns, electrodes, name)
     return columns, batches
 
 
-def _check_columns(columns: Sequence[str], electrodes: Sequence[str], name: str) -> None:
+def _check_electrode_columns(columns: Sequence[str], electrodes: Sequence[str], name: str) -> None:
     """Raise `InputError` if no electrode has a column; print a warning if only some have one."""
     missing = [electrode for electrode in electrodes if electrode not in columns]
     if len(missing) == len(electrodes):
@@ -247,7 +247,7 @@ def _split_cells(line: str, header: str) -> list[str]:
         return []
 
 
-def _parse_json(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
+def _parse_json_rows(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
     """Yield a list with the first JSON object as a header, then lists of objects as they arrive.
 
     The text is a list of objects, or has an object on each line. An object may extend over several
@@ -281,13 +281,13 @@ def _parse_json(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
         )
 
 
-def _parse_finite(text: str) -> float | None:
+def _parse_finite_number(text: str) -> float | None:
     """Parse a number of JSON; return None if it is not finite."""
     value = float(text)
     return value if math.isfinite(value) else None
 
 
-_DECODER = json.JSONDecoder(parse_float=_parse_finite, parse_constant=_parse_finite)
+_DECODER = json.JSONDecoder(parse_float=_parse_finite_number, parse_constant=_parse_finite_number)
 _AROUND_OBJECTS = "[], \t"  #: Characters around the objects of a list, which are stripped.
 
 

@@ -187,7 +187,7 @@ class _Session:
         t_s = TIME_UNITS_S[time_column] * values.pop(time_column)
         defect = _find_defect(row, sample, time_column)
         if defect:
-            self._report_malformed(defect, len(row.cells))
+            self._report_malformed_row(defect, len(row.cells))
             self.write([_to_plain_row(TrackRow(t_s, TouchStatus.MALFORMED))])
         else:
             tracked = self.tracker.update(t_s, values)
@@ -204,21 +204,23 @@ class _Session:
         """
         if self.malformed_rows:
             count = f"{self.malformed_rows} of {self.rows} rows are malformed"
-            self._print(f"{self.name}: {count} and were skipped")
+            self._print_message(f"{self.name}: {count} and were skipped")
             if self.malformed_rows == self.rows:
                 return ExitCode.BAD_INPUT
         if self.last_status not in STATUSES_WITHOUT_TOUCH:
-            self._print(f"{self.name}: a touch has not ended at the last row ({self.last_status})")
+            self._print_message(
+                f"{self.name}: a touch has not ended at the last row ({self.last_status})"
+            )
         elif not self.reported_touches:
-            self._print(f"{self.name}: nothing touches{self.unit_doubt}")
+            self._print_message(f"{self.name}: nothing touches{self.unit_doubt}")
         return ExitCode.CONVERGED
 
-    def _report_malformed(self, defect: str, columns: int) -> None:
+    def _report_malformed_row(self, defect: str, columns: int) -> None:
         """Count a malformed row, and print a message if it is the first one."""
         self.malformed_rows += 1
         if self.malformed_rows == 1:
             advice = f"give {columns} numbers, or nan for missing readings"
-            self._print(f"{self.name}: row {self.rows} has {defect}; {advice}")
+            self._print_message(f"{self.name}: row {self.rows} has {defect}; {advice}")
 
     def _announce_settling(self, tracked: TrackRow) -> None:
         """Print until which time the baseline is learned, once and when this time is known."""
@@ -226,7 +228,7 @@ class _Session:
         is_due = tracked.status == "settling" and not self.has_announced_settling
         if is_due and math.isfinite(end_s):
             self.has_announced_settling = True
-            self._print(f"settling until t_s = {end_s:.4g}: do not touch")
+            self._print_message(f"settling until t_s = {end_s:.4g}: do not touch")
 
     def _report_touches(self) -> None:
         """Report the touches that have ended since the previous row.
@@ -238,10 +240,10 @@ class _Session:
                 self.write([{"summary": _to_plain_row(summary)}])
             else:
                 doubt = self.unit_doubt if summary.status in DOUBTFUL_STATUSES else ""
-                self._print(f"{summary}{doubt}")
+                self._print_message(f"{summary}{doubt}")
         self.reported_touches = len(self.tracker.touches)
 
-    def _print(self, message: str) -> None:
+    def _print_message(self, message: str) -> None:
         """Print a message on standard error, and flush it."""
         print(message, file=sys.stderr, flush=True)
 

@@ -147,7 +147,7 @@ def run(options: argparse.Namespace) -> int:
         study = DesignStudy.from_scene(scene, vary)
         domain, _ = choice.resolve_settings(scene)
         films = [group.scene for group in study.groups]
-        _check_films(films, choice, options)
+        _check_film_responses(films, choice, options)
 
         def provide_response(film: Scene) -> Response:
             # design() checks its arguments before it asks for the first response
@@ -170,7 +170,9 @@ def run(options: argparse.Namespace) -> int:
     return ExitCode.CONVERGED
 
 
-def _check_films(films: list[Scene], choice: ResponseChoice, options: argparse.Namespace) -> None:
+def _check_film_responses(
+    films: list[Scene], choice: ResponseChoice, options: argparse.Namespace
+) -> None:
     """Raise an error if the response of a film could not be built or written.
 
     Parameters

@@ -112,11 +112,11 @@ def estimate_bending_effect(scene: Scene) -> BendingEffect:
     effect with the largest change is returned. Without any load the changes at rim and probe are
     zero.
     """
-    effects = [_estimate_for(scene, probe) for probe in scene.loaded_probes or (None,)]
+    effects = [_estimate_probe_effect(scene, probe) for probe in scene.loaded_probes or (None,)]
     return max(effects, key=lambda effect: effect.change)
 
 
-def _estimate_for(scene: Scene, probe: LoadedProbe | None) -> BendingEffect:
+def _estimate_probe_effect(scene: Scene, probe: LoadedProbe | None) -> BendingEffect:
     """Estimate the effect of bending under one probe and the loads on the whole film.
 
     If `probe` is None, only the loads on the whole film act.
@@ -125,7 +125,7 @@ def _estimate_for(scene: Scene, probe: LoadedProbe | None) -> BendingEffect:
     press = _combine_loads(scene, probe)
     D = film.thickness**3 / 12.0 * float(film.stiffness[:2, :2].max())
     unloaded_tension = film.thickness * float(film.prestress[:2].mean())
-    probe_radius = _compute_radius(press.outline) if press.outline else film.radius
+    probe_radius = _compute_equivalent_radius(press.outline) if press.outline else film.radius
     rim_tension = estimate_tension(film, press.force, film.radius)
     probe_tension = estimate_tension(film, press.force, probe_radius)
     rim_length = _compute_bending_length(D, rim_tension)
@@ -190,14 +190,14 @@ def _estimate_edge_changes(
     if press.outline is None or not press.force > 0.0:
         return 0.0, 0.0
     a = film.radius
-    b = _compute_radius(press.outline)
+    b = _compute_equivalent_radius(press.outline)
     # the mean distance from the rim of a probe at the rim is about its own width
     gap = max(1.0 - press.outline.reach / a, FIT.min_gap * b / a)
     power = 1 if press.is_rigid else 2
     distances = []
     for electrode in scene.electrode_list:
         between = math.dist(electrode.outline.centroid, press.outline.centroid)
-        distances.append(max(between - _compute_radius(electrode.outline), b))
+        distances.append(max(between - _compute_equivalent_radius(electrode.outline), b))
     if not distances:  # without electrodes, estimate the effect on any that may be added
         distances = [b, 0.5 * a]
     worst = 0.0, 0.0
@@ -257,11 +257,11 @@ def _estimate_layer_change(scene: Scene, layer: Layer, press: _PressingLoad) -> 
     """
     film, outline = scene.film, layer.patch.outline
     D, A, e = _compute_laminate(film, layer)
-    layer_radius = _compute_radius(outline)
+    layer_radius = _compute_equivalent_radius(outline)
     r = film.radius
     if press.outline:
         between = math.dist(outline.centroid, press.outline.centroid)
-        r = max(between, _compute_radius(press.outline))
+        r = max(between, _compute_equivalent_radius(press.outline))
     tension = estimate_tension(film, press.force, r)
     half_width = 2.0 * outline.area / outline.perimeter
     width = half_width * math.sqrt(tension / D)
@@ -311,7 +311,10 @@ def _estimate_load_curvature(
     r = film.radius
     if press.outline:
         between = math.dist(electrode.centroid, press.outline.centroid)
-        r = max(between - _compute_radius(electrode), _compute_radius(press.outline))
+        r = max(
+            between - _compute_equivalent_radius(electrode),
+            _compute_equivalent_radius(press.outline),
+        )
     tension = estimate_tension(film, press.force, r)
     if not tension:
         return 0.0
@@ -353,6 +356,6 @@ def choose_layer_size(
     return max_width * length * float((negligible * tolerance / change) ** 0.25)
 
 
-def _compute_radius(outline: Outline) -> float:
+def _compute_equivalent_radius(outline: Outline) -> float:
     """Return the radius in m of the disc that has the area of the outline."""
     return math.sqrt(outline.area / math.pi)

@@ -122,7 +122,7 @@ class BendingLayers:
         )
 
     @property
-    def _deflections(self) -> sp.csr_matrix:
+    def _deflection_matrix(self) -> sp.csr_matrix:
         """Matrix that maps unknowns to deflections, shape (scalar dofs, unknowns)."""
         return self.expansion[2::3]
 
@@ -145,7 +145,7 @@ class BendingLayers:
         form = self.plate.form
         values = estimate_uncertain_fraction(self.widths)[form.elements] * self.values
         deflection_forces = form.strains.T @ values
-        residual = np.asarray(self._deflections.T @ deflection_forces)
+        residual = np.asarray(self._deflection_matrix.T @ deflection_forces)
         return -factors.solve(residual)
 
     def compute_effects(self, duals: Array) -> Array:
@@ -163,7 +163,7 @@ class BendingLayers:
         ndarray, shape (elements, outputs)
         """
         form = self.plate.form
-        dual_strains = form.strains @ (self._deflections @ duals)
+        dual_strains = form.strains @ (self._deflection_matrix @ duals)
         work = self.values[:, None] * dual_strains
         value_count = len(form.elements)
         entries = np.ones(value_count), (form.elements, np.arange(value_count))

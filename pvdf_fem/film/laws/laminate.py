@@ -112,13 +112,17 @@ class Laminate:
             covered = np.unique(np.concatenate(patches))
             bare = np.setdiff1d(np.arange(self.space.mesh.nelements), covered)
             taut_law = law_class(film.stiffness)
-            plies.append(Ply(self.law, bare, 1.0, _select(prestrain, bare)))
-            plies.append(Ply(taut_law, covered, 1.0, _select(prestrain, covered)))
+            plies.append(Ply(self.law, bare, 1.0, _select_element_values(prestrain, bare)))
+            plies.append(Ply(taut_law, covered, 1.0, _select_element_values(prestrain, covered)))
         else:
             plies.append(Ply(self.law, ALL, 1.0, prestrain))
         for elements, layer in zip(patches, film.layers.values(), strict=True):
             thermal = layer.expansion * warming * EQUIBIAXIAL
-            strain = layer.prestrain + _select(rim_strain, elements) - _select(thermal, elements)
+            strain = (
+                layer.prestrain
+                + _select_element_values(rim_strain, elements)
+                - _select_element_values(thermal, elements)
+            )
             thickness_ratio = layer.patch.thickness / film.thickness
             plies.append(Ply(law_class(layer.stiffness), elements, thickness_ratio, strain))
         return plies
@@ -239,6 +243,6 @@ class Laminate:
         return total
 
 
-def _select(values: Array, elements: Indices) -> Array:
+def _select_element_values(values: Array, elements: Indices) -> Array:
     """Return the values of some elements; uniform values, with one axis, are returned as is."""
     return values[elements] if values.ndim > 1 else values

@@ -81,14 +81,14 @@ class Law:
         ndarray, shape (..., 3)
         """
         if np.iscomplexobj(strain) or np.iscomplexobj(prestrain):
-            return self._continue_stress(strain, prestrain)
+            return self._compute_complex_stress(strain, prestrain)
         columns = []
         for direction in np.eye(3):
             energy = self.energy(strain + 1j * COMPLEX_STEP * direction, prestrain)
             columns.append(energy.imag / COMPLEX_STEP)
         return np.stack(columns, axis=-1)
 
-    def _continue_stress(self, strain: Array, prestrain: Array, step: float = 1e-5) -> Array:
+    def _compute_complex_stress(self, strain: Array, prestrain: Array, step: float = 1e-5) -> Array:
         """Return the stress for complex strains of a law that defines its energy only.
 
         A complex step in the energy has given the real stress already. Its derivative along the

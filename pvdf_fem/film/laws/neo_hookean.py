@@ -69,8 +69,8 @@ class NeoHookean(Law):
         -------
         ndarray, shape (..., 3)
         """
-        flat = self._describe_prestrained(prestrain)
-        inverse, power = self._describe_deformed(strain)
+        flat = self._compute_prestrain_factors(prestrain)
+        inverse, power = self._compute_deformation_factors(strain)
         no_engineering_shear = np.array([1.0, 1.0, 0.5])
         C0 = np.array([1.0, 1.0, 0.0]) + 2.0 * prestrain * no_engineering_shear
         return flat.modulus[..., None] * (C0 - (flat.power * power)[..., None] * inverse)
@@ -82,8 +82,8 @@ class NeoHookean(Law):
         -------
         ndarray, shape (..., 3, 3)
         """
-        flat = self._describe_prestrained(prestrain)
-        B, power = self._describe_deformed(strain)
+        flat = self._compute_prestrain_factors(prestrain)
+        B, power = self._compute_deformation_factors(strain)
         b11, b22, b12 = np.moveaxis(B, -1, 0)
         stiffness = (1.0 + self.m) * B[..., :, None] * B[..., None, :]
         # with B = C^-1, B dC B differs from the tensor product of B and B in these components
@@ -101,23 +101,23 @@ class NeoHookean(Law):
         -------
         ndarray, shape (...)
         """
-        flat = self._describe_prestrained(prestrain)
+        flat = self._compute_prestrain_factors(prestrain)
         e11, e22, e12 = np.moveaxis(strain, -1, 0)
         p11, p22, p12 = np.moveaxis(prestrain, -1, 0)
         trace = 2.0 * (e11 + e22 + p11 + p22) + 4.0 * (p11 * e11 + p22 * e22) + 2.0 * p12 * e12
-        _, power = self._describe_deformed(strain)
+        _, power = self._compute_deformation_factors(strain)
         if self.m == 0.0:  # the limit of ((c0 c)^-m - 1)/m
             across = -np.log(_compute_determinant(strain) * _compute_determinant(prestrain))
         else:
             across = np.expm1(np.log(flat.power * power)) / self.m
         return np.asarray(0.5 * flat.modulus * (trace + across))
 
-    def _describe_prestrained(self, prestrain: Array) -> _Prestrained:
+    def _compute_prestrain_factors(self, prestrain: Array) -> _Prestrained:
         """Return the factors c0^-m and mu/J0 of a prestrain."""
         c0 = _compute_determinant(prestrain)
         return _Prestrained(power=c0**-self.m, modulus=self.shear * c0 ** (0.5 * (self.m - 1.0)))
 
-    def _describe_deformed(self, strain: Array) -> _Deformed:
+    def _compute_deformation_factors(self, strain: Array) -> _Deformed:
         """Return C^-1 and c^-m of a Green-Lagrange strain."""
         e11, e22, e12 = np.moveaxis(strain, -1, 0)
         c = _compute_determinant(strain)

@@ -206,9 +206,9 @@ class TensionField(Hooke):
         T1 = np.stack([tx_tx, ty_ty, tx_ty], axis=-1)
         T2 = np.stack([-2.0 * tx_ty, 2.0 * tx_ty, tx_tx - ty_ty], axis=-1)
         trace_P = (S @ self.compliance - e)[:, :2].sum(axis=1)
-        H11 = _contract(T1, T1, self.compliance)
-        H12 = _contract(T1, T2, self.compliance)
-        H22 = _contract(T2, T2, self.compliance) + 2.0 * trace_P / s
+        H11 = _contract_tensors(T1, T1, self.compliance)
+        H12 = _contract_tensors(T1, T2, self.compliance)
+        H22 = _contract_tensors(T2, T2, self.compliance) + 2.0 * trace_P / s
         complement = H22 - H12**2 / H11
         root[is_wrinkled, 0] = T1 / np.sqrt(H11)[:, None]
         T2_rest = T2 - T1 * (H12 / H11)[:, None]
@@ -222,6 +222,6 @@ def _is_nowhere_compressive(stress: Array) -> Mask:
     return np.asarray((s11 + s22 >= 0.0) & (s11 * s22 >= s12**2))
 
 
-def _contract(a: Array, b: Array, matrix: Array) -> Array:
+def _contract_tensors(a: Array, b: Array, matrix: Array) -> Array:
     """Return a : matrix : b of tensors in Voigt order, shape (...)."""
     return np.asarray(((a @ matrix) * b).sum(axis=-1))

@@ -182,15 +182,15 @@ class DeadPressure(PatchLoad):
     @cached_property
     def _dead_forces(self) -> Array:
         """Nodal forces in N, shape (dofs,)."""
-        return np.outer(self._nodal_fractions, self.components).ravel()
+        return np.outer(self._nodal_force_fractions, self.components).ravel()
 
     @cached_property
-    def _nodal_fractions(self) -> Array:
+    def _nodal_force_fractions(self) -> Array:
         """Force at each node divided by the total force, shape (nodes,); 0 at auxiliary nodes."""
         node_count = self.space.dof_count // 3
         if not len(self.patch):
             return np.zeros(node_count)
-        values, weights = self._quadrature
+        values, weights = self._load_weighted_quadrature
         fractions = np.matmul(values.swapaxes(1, 2), weights[..., None])[..., 0]
         nodes = self.space.nodes[self.patch]
         total = np.bincount(nodes.ravel(), fractions.ravel(), node_count)
@@ -198,12 +198,12 @@ class DeadPressure(PatchLoad):
 
     def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
         """Return the forces that press on the film's face, distributed by the load's profile."""
-        _, weights = self._quadrature
+        _, weights = self._load_weighted_quadrature
         fractions = weights.sum(axis=1) / self.integrate_on_film(weights)
         return ElementForces(self.patch, self.components[2] * fractions)
 
     @property
-    def _quadrature(self) -> tuple[Array, Array]:
+    def _load_weighted_quadrature(self) -> tuple[Array, Array]:
         """Quadrature on the patch, whose weights are multiplied by the load's profile.
 
         A pair of arrays: shape functions, shape (n, points, functions), and weights in m² times the

@@ -207,14 +207,14 @@ class RigidTip(ProbeLoad):
         rates = -np.ones((*shape, 3))
         rates[..., :2] = -(height.slope @ frame.T).reshape(*shape, 2)
         hessian = (frame @ height.hessian @ frame.T).reshape(*shape, 2, 2)
-        depth = self._depth_at(x)
+        depth = self._find_depth(x)
         heights = height.value.reshape(shape)
         value = depth - heights - points[..., 2]
         if self.tip.face is not None:  # flat film under a flat face bears no pressure
             value[heights == 0.0] = -np.inf
         return Overlap(depth=depth, value=value, rates=rates, hessian=hessian)
 
-    def _depth_at(self, x: Array) -> float:
+    def _find_depth(self, x: Array) -> float:
         """Return the depth in m at the dofs `x`; -inf if only a mirror image of the tip presses."""
         if not len(self.patch):
             return -np.inf
@@ -252,7 +252,7 @@ class RigidTip(ProbeLoad):
         """
         return self.penalty * np.maximum(self.overlap(state).value, 0.0) * self.space.weights
 
-    def _touching_tractions(self, state: State) -> _Tractions:
+    def _select_tractions(self, state: State) -> _Tractions:
         """Return the tractions, restricted to the elements that touch the tip."""
         weighted = self.tractions(state)
         elements = np.flatnonzero(weighted.any(axis=1))
@@ -266,13 +266,13 @@ class RigidTip(ProbeLoad):
         ndarray, shape (dofs,)
             In N; the net force is zero in equilibrium.
         """
-        elements, weighted = self._touching_tractions(state)
+        elements, weighted = self._select_tractions(state)
         on_film = -self.overlap(state).rates[elements] * weighted[..., None]
-        forces = self._sum_at_dofs(on_film, elements)
+        forces = self._integrate_forces(on_film, elements)
         forces[self.depth_dof] = self._force_on_sector - weighted.sum()
         return forces
 
-    def _sum_at_dofs(self, weighted: Array, elements: Indices) -> Array:
+    def _integrate_forces(self, weighted: Array, elements: Indices) -> Array:
         """Integrate a vector field on some elements to nodal forces.
 
         Parameters
@@ -297,14 +297,14 @@ class RigidTip(ProbeLoad):
 
     def element_tangent(self, state: State) -> ElementMatrices:
         """Return the derivative of `residual` at constant depth in N/m, for touching elements."""
-        elements, weighted = self._touching_tractions(state)
-        stiffness = self._point_stiffness(state, elements, weighted)
+        elements, weighted = self._select_tractions(state)
+        stiffness = self._fixed_depth_stiffness(state, elements, weighted)
         values = self.space.values[elements]
         local = np.einsum("epa,epij,epb->eaibj", values, stiffness, values, optimize=True)
         dofs = 3 * values.shape[2]
         return ElementMatrices(elements, local.reshape(len(elements), dofs, dofs))
 
-    def _point_stiffness(self, state: State, elements: Indices, weighted: Array) -> Array:
+    def _fixed_depth_stiffness(self, state: State, elements: Indices, weighted: Array) -> Array:
         """Differentiate minus the tip's forces on the film by the displacement at constant depth.
 
         Parameters
@@ -339,7 +339,7 @@ class RigidTip(ProbeLoad):
         """
         if not self.has_unknown_depth:
             return None
-        force_rates, total_rate = self._depth_rates(state)
+        force_rates, total_rate = self._compute_depth_rates(state)
         depth = self.depth_dof[0]
         film = np.flatnonzero(force_rates)
         depths = np.full(len(film), depth)
@@ -349,7 +349,7 @@ class RigidTip(ProbeLoad):
         shape = (self.space.dof_count, self.space.dof_count)
         return assembly.of_dofs(sp.csr_matrix((values, (rows, columns)), shape))
 
-    def _depth_rates(self, state: State) -> tuple[Array, float]:
+    def _compute_depth_rates(self, state: State) -> tuple[Array, float]:
         """Differentiate the tip's forces on the film with respect to its depth.
 
         Returns
@@ -363,17 +363,17 @@ class RigidTip(ProbeLoad):
         stiff = self.penalty * self.space.weights * overlap.is_touching
         elements = np.flatnonzero(stiff.any(axis=1))
         rates = -overlap.rates[elements] * stiff[elements][..., None]
-        return self._sum_at_dofs(rates, elements), float(stiff.sum())
+        return self._integrate_forces(rates, elements), float(stiff.sum())
 
     # The products below form no element matrices and so take much less time than `element_tangent`.
 
     def element_action(self, state: State, x: Array) -> Array:
         """Multiply the element tangents at constant depth by the dofs `x`; return forces in N."""
         actions = np.zeros(self.space.element_dofs.shape)
-        elements, weighted = self._touching_tractions(state)
+        elements, weighted = self._select_tractions(state)
         values = self.space.values[elements]
         displacement = np.matmul(values, x.reshape(-1, 3)[self.space.nodes[elements]])
-        stiffness = self._point_stiffness(state, elements, weighted)
+        stiffness = self._fixed_depth_stiffness(state, elements, weighted)
         rates = np.matmul(stiffness, displacement[..., None])[..., 0]
         actions[elements] = np.matmul(values.swapaxes(1, 2), rates).reshape(len(elements), -1)
         return actions
@@ -382,7 +382,7 @@ class RigidTip(ProbeLoad):
         """Multiply the tangent, with row and column of an unknown depth, by `x`; return N."""
         forces = self.space.sum_at_dofs(self.element_action(state, x))
         if self.has_unknown_depth:
-            force_rates, total_rate = self._depth_rates(state)
+            force_rates, total_rate = self._compute_depth_rates(state)
             depth_change = x[self.depth_dof]
             forces -= force_rates * depth_change
             forces[self.depth_dof] += total_rate * depth_change - force_rates @ x
@@ -390,21 +390,21 @@ class RigidTip(ProbeLoad):
 
     def diagonal(self, state: State) -> Array:
         """Return the diagonal of the tangent in N/m, with the entry of an unknown depth."""
-        elements, weighted = self._touching_tractions(state)
-        stiffness = np.einsum("epii->epi", self._point_stiffness(state, elements, weighted))
+        elements, weighted = self._select_tractions(state)
+        stiffness = np.einsum("epii->epi", self._fixed_depth_stiffness(state, elements, weighted))
         values = self.space.values[elements]
         diagonal = self.space.sum_at_dofs(
             np.matmul(values.swapaxes(1, 2) ** 2, stiffness), elements
         )
         if self.has_unknown_depth:
-            _, diagonal[self.depth_dof] = self._depth_rates(state)
+            _, diagonal[self.depth_dof] = self._compute_depth_rates(state)
         return diagonal
 
     # --- results
 
     def through_thickness_forces(self, state: State, residual: Array) -> ElementForces:
         """Return the forces that press on the film's face: the tractions along z, integrated."""
-        elements, weighted = self._touching_tractions(state)
+        elements, weighted = self._select_tractions(state)
         return ElementForces(elements, weighted.sum(axis=1))
 
     def compute_contact_radius(self, state: State) -> float:

@@ -114,12 +114,12 @@ def calibrate(
     place_sd = coerce("place_sd", place_sd, float)
     absolute_pC = _list_noise_pC(scene, noise_pC)
     errors = [
-        *_find_scene_errors(scene),
+        *_find_calibration_probe_errors(scene),
         *_find_choice_errors("reading", reading, tuple(READINGS)),
         *_find_choice_errors("unit", unit, UNITS),
-        *_find_invalid_deviation("sigma", sigma),
-        *_find_invalid_deviation("noise_pC", *absolute_pC),
-        *_find_invalid_deviation("place_sd", place_sd),
+        *_find_invalid_deviation_errors("sigma", sigma),
+        *_find_invalid_deviation_errors("noise_pC", *absolute_pC),
+        *_find_invalid_deviation_errors("place_sd", place_sd),
     ]
     if not sigma and not all(absolute_pC):
         errors.append("sigma = 0: readings have errors; give sigma or noise_pC")
@@ -142,7 +142,7 @@ def calibrate(
         status,
         reason,
         notes=(*table.notes, *_list_notes(diagnosis)),
-        outliers=_list_outliers(diagnosis.fit, status),
+        outliers=_list_rejection_reasons(diagnosis.fit, status),
         fit=diagnosis.fit,
     )
 
@@ -174,7 +174,7 @@ def _list_noise_pC(scene: Scene, noise_pC: float | Mapping[str, float] | None) -
     return [coerce(f"noise_pC.{name}", noise_pC[name], float) for name in names]
 
 
-def _find_scene_errors(scene: Scene) -> Iterator[str]:
+def _find_calibration_probe_errors(scene: Scene) -> Iterator[str]:
     """Yield a message if the scene does not have a single probe, or if the probe is rigid."""
     if scene.single_probe is None:
         yield "probe: is required; add the [probe] that touched the film"
@@ -199,7 +199,7 @@ def _find_choice_errors(name: str, value: str, allowed: Sequence[str]) -> Iterat
         yield f"{name} = {value!r}: choose from {', '.join(allowed)}"
 
 
-def _find_invalid_deviation(name: str, *values: float) -> Iterator[str]:
+def _find_invalid_deviation_errors(name: str, *values: float) -> Iterator[str]:
     """Yield a message for the first standard deviation that is negative or not finite, if any."""
     for value in values:
         if not 0.0 <= value < np.inf:
@@ -239,7 +239,7 @@ def _determine_status(diagnosis: Diagnosis) -> tuple[CalibrationStatus, str]:
     return CalibrationStatus.CALIBRATED, f"{parameters} parameters from {count} touches"
 
 
-def _list_outliers(fit: CalibrationFit, status: CalibrationStatus) -> dict[int, str]:
+def _list_rejection_reasons(fit: CalibrationFit, status: CalibrationStatus) -> dict[int, str]:
     """Return the reasons why touches were not used, by their rows.
 
     Touches that could not be solved are always listed; touches that the fit rejects as outliers

@@ -247,7 +247,7 @@ def _propose_touch_corrections(fit: CalibrationFit) -> Iterator[Correction]:
     of the force.
     """
     table = fit.model.table
-    size = _compute_size_ratio(fit)
+    size = _compute_median_reading_ratio(fit)
     has_predicted_size = abs(np.log(max(size, 1e-300))) < np.log(fit.model.options.max_size_ratio)
     if has_predicted_size:
         yield from _propose_frame_corrections(fit.model)
@@ -261,7 +261,7 @@ def _propose_touch_corrections(fit: CalibrationFit) -> Iterator[Correction]:
             yield Correction(CalibrationStatus.FORCE, text, corrected, fit.model.reading)
 
 
-def _compute_size_ratio(fit: CalibrationFit) -> float:
+def _compute_median_reading_ratio(fit: CalibrationFit) -> float:
     """Compute the median magnitude of the ratio of readings to those predicted for the scene.
 
     Only solved touches count; the result is 0 if there are none.

@@ -159,8 +159,8 @@ def select_parameters(
         names += groups.get(word, [])
     names = list(dict.fromkeys(names))
     errors = [
-        *_find_invalid_words(words, groups),
-        *_find_invalid_priors(priors, groups, names),
+        *_find_parameter_word_errors(words, groups),
+        *_find_prior_errors(priors, groups, names),
         *_find_thickness_conflict(scene, names),
     ]
     if errors:
@@ -195,7 +195,9 @@ def _list_groups(scene: Scene) -> dict[str, list[str]]:
     return {**groups, **{name: [name] for name in single}}
 
 
-def _find_invalid_words(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> Iterator[str]:
+def _find_parameter_word_errors(
+    words: Sequence[str], groups: Mapping[str, Sequence[str]]
+) -> Iterator[str]:
     """Yield a message for each word that names no parameter or group, or if there are no words."""
     for word in words:
         if word not in groups:
@@ -204,7 +206,7 @@ def _find_invalid_words(words: Sequence[str], groups: Mapping[str, Sequence[str]
         yield f"unknown: is empty; choose from {', '.join(groups)}"
 
 
-def _find_invalid_priors(
+def _find_prior_errors(
     priors: Mapping[str, float], groups: Mapping[str, Sequence[str]], names: Sequence[str]
 ) -> Iterator[str]:
     """Yield a message for each prior with an unknown name, without a fitted parameter, or invalid.

@@ -204,7 +204,7 @@ class ReadingModel:
             If the unloaded film has no equilibrium, and the readings are changes.
         """
         scene = self.parameters.apply(values)
-        unloaded = self._solve_unloaded(scene)
+        unloaded = self._solve_unloaded_film(scene)
         probe_loads = self.correct_positions(place_corrections_mm)
         arguments = self.compute_solve_arguments(values, probe_loads)
         if tolerance is None:
@@ -230,7 +230,7 @@ class ReadingModel:
                 error = solution.charge_errors_pC[name]
                 self.charge_errors[i, j] = error / max(abs(charge), 1e-12)
 
-    def _solve_unloaded(self, scene: Scene) -> Array:
+    def _solve_unloaded_film(self, scene: Scene) -> Array:
         """Compute the stress integrals of the unloaded film and their derivatives.
 
         Derivatives with respect to the film's parameters are central differences; those with

@@ -119,7 +119,7 @@ def locate(
     charge_function = response if isinstance(response, ChargeFunction) else None
     scene = as_scene(response) if charge_function is None else charge_function.scene
     request = _Request(
-        readings_pC=_convert_to_pC(scene, readings, unit),
+        readings_pC=_convert_readings_to_pC(scene, readings, unit),
         sigma=sigma,
         noise_pC=noise_pC,
         reading=reading,
@@ -179,7 +179,9 @@ class _Request:
         return np.array([list(self.readings_pC.values())], dtype=float)
 
 
-def _convert_to_pC(scene: Scene, readings: Mapping[str, float], unit: str) -> Mapping[str, float]:
+def _convert_readings_to_pC(
+    scene: Scene, readings: Mapping[str, float], unit: str
+) -> Mapping[str, float]:
     """Convert readings to nominal pC.
 
     Parameters

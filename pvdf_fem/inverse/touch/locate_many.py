@@ -106,9 +106,9 @@ def locate_many(
     )
     known: dict[int, Array] = {}
     if rotations_deg is not None:
-        known[TouchColumn.ROTATION] = _read_numbers(rotations_deg, "rotations_deg")
+        known[TouchColumn.ROTATION] = _convert_values_to_floats(rotations_deg, "rotations_deg")
     if forces_N is not None:
-        known[TouchColumn.FORCE] = _read_numbers(forces_N, "forces_N")
+        known[TouchColumn.FORCE] = _convert_values_to_floats(forces_N, "forces_N")
     for column, values in known.items():
         if values.shape != (len(columns.readings),):
             name = "forces_N" if column == TouchColumn.FORCE else "rotations_deg"
@@ -302,12 +302,14 @@ def _read_columns(
     """
     if not hasattr(readings, "keys"):
         names = tuple(response.names)
-        rows = _read_numbers(readings, "readings")
+        rows = _convert_values_to_floats(readings, "readings")
         if rows.ndim != 2 or rows.shape[1] != len(names):
             raise ValueError(f"readings of shape {rows.shape}: must be (n, {len(names)})")
         return _ReadingColumns(names, rows)
     by_name: Any = readings  # a mapping or a DataFrame, which has keys, too
-    columns = {name: _read_numbers(by_name[name], f"readings.{name}") for name in by_name}
+    columns = {
+        name: _convert_values_to_floats(by_name[name], f"readings.{name}") for name in by_name
+    }
     if len({column.shape for column in columns.values()}) > 1:
         raise ValueError("readings: columns differ in length; give one reading per row")
     if not columns:
@@ -315,7 +317,7 @@ def _read_columns(
     return _ReadingColumns(tuple(columns), np.stack(list(columns.values()), axis=1))
 
 
-def _read_numbers(values: Any, key: str) -> Array:
+def _convert_values_to_floats(values: Any, key: str) -> Array:
     """Convert values to an array of floats, in which None becomes NaN.
 
     Raises

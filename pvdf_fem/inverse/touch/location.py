@@ -157,7 +157,9 @@ class Location(Result):
         `Touch.deviations` of both.
         """
         return sum(
-            1 for quantities in self._alternative_differences if quantities - {"rotation_deg"}
+            1
+            for quantities in self._unknowns_distinguishing_alternatives
+            if quantities - {"rotation_deg"}
         )
 
     @property
@@ -166,7 +168,7 @@ class Location(Result):
         return self.alternatives > 0
 
     @cached_property
-    def _alternative_differences(self) -> list[set[str]]:
+    def _unknowns_distinguishing_alternatives(self) -> list[set[str]]:
         """Unknowns in which each further likely touch differs from the best, without indices."""
         likely = [touch for touch in self.touches[1:] if touch.weight > MIN_ALTERNATIVE_WEIGHT]
         if not likely:
@@ -208,7 +210,7 @@ class Location(Result):
             charges = f"{count} {'charge does' if count == 1 else 'charges do'}"
             reason = f"{charges} not determine {', '.join(self.unknown)}"
             return (f"undetermined: {reason}; read more electrodes, or fix more quantities",)
-        remarks = self._list_explanations()
+        remarks = self._format_explanations()
         if not self.touches:
             return (*remarks, "no search converged: the charges fit no touch of the domain")
         best = self.best
@@ -221,7 +223,7 @@ class Location(Result):
         if not self._determines_position_and_force:
             directions = [_format_direction(self.unknown, row) for row in best.null_directions]
             remarks.append(f"undetermined: free along {' and '.join(directions)}")
-        elif not best.determined or {"rotation_deg"} in self._alternative_differences:
+        elif not best.determined or {"rotation_deg"} in self._unknowns_distinguishing_alternatives:
             others = "" if self.ambiguous else "; position and force are"
             remarks.append(f"rotation is not determined{others}")
         if best.at_edge:
@@ -230,7 +232,7 @@ class Location(Result):
             remarks.append(f"at the edge of the response's domain ({limits}): {reason}")
         return tuple(remarks)
 
-    def _list_explanations(self) -> list[str]:
+    def _format_explanations(self) -> list[str]:
         """Format a remark on each of `explanations`, with the touch for the corrected readings."""
         sentences = []
         for text, touch in self.explanations:

@@ -312,7 +312,7 @@ class LocationProblem:
 
         The shape is (rows, electrodes, 1 + k).
         """
-        is_used = np.append(True, self._is_free)
+        is_used = np.append(True, self._free_mask)
         return is_used / self.deviations_pC[:, :, None]
 
     # ---- bounds
@@ -370,7 +370,7 @@ class LocationProblem:
         projected = coordinates.copy()
         probes = self.view_by_probe(projected)
         probes[..., TouchColumn.FORCE] = probes[..., TouchColumn.FORCE].clip(lowest, highest)
-        is_x_free, is_y_free = self._is_free[[TouchColumn.X, TouchColumn.Y]]
+        is_x_free, is_y_free = self._free_mask[[TouchColumn.X, TouchColumn.Y]]
         if is_x_free == is_y_free:
             distance = np.hypot(probes[..., TouchColumn.X], probes[..., TouchColumn.Y])
             probes[..., POSITION] *= (reach_mm / np.maximum(distance, reach_mm))[..., None]
@@ -435,10 +435,10 @@ class LocationProblem:
     @property
     def free_columns(self) -> Indices:
         """Columns of the free coordinates on which the charges depend."""
-        return np.flatnonzero(self._is_free)
+        return np.flatnonzero(self._free_mask)
 
     @cached_property
-    def _is_free(self) -> Mask:
+    def _free_mask(self) -> Mask:
         """Whether each coordinate is free and the charges depend on it; shape (k,).
 
         The charges do not depend on rotations if all probes are round.

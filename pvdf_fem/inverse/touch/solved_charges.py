@@ -87,10 +87,10 @@ class SolvedResponse:
             If touches or unknowns are incompatible with the scene, with a line for each mistake; or
             if the charges have no derivative with respect to an unknown.
         """
-        errors = list(_find_errors(scene, touches, unknown))
+        errors = list(_find_scene_suitability_errors(scene, touches, unknown))
         if errors:
             raise ValueError("\n".join(errors))
-        listed = _list_probes(scene, touches, unknown)
+        listed = _make_probe_list_scene(scene, touches, unknown)
         quantities = _list_quantity_names(touches, unknown)
         periods_deg = [load.probe.period_deg for load in listed.loaded_probes]
         free = []
@@ -100,7 +100,7 @@ class SolvedResponse:
             if base in unknown and not is_disc_rotation:
                 free.append(name)
         differentiable = set(list_parameters(Problem.from_scene(listed)))
-        without_derivative = {_make_key(name) for name in free} - differentiable
+        without_derivative = {_make_quantity_key(name) for name in free} - differentiable
         if without_derivative:
             keys = ", ".join(sorted(without_derivative))
             reason = f"charges have no derivative with respect to {keys}"
@@ -127,7 +127,9 @@ class SolvedResponse:
     @property
     def scene_touch(self) -> Array:
         """Quantities of the scene's probes as a touch in the frame of its stage; shape (k,)."""
-        touch = np.array([get_number(self.scene, _make_key(name)) for name in self.quantity_names])
+        touch = np.array(
+            [get_number(self.scene, _make_quantity_key(name)) for name in self.quantity_names]
+        )
         stage = self.scene.stage or Stage()
         width = len(TOUCH_QUANTITIES)
         for probe in range(count_probes(self)):
@@ -177,7 +179,7 @@ class SolvedResponse:
         """
         charges = np.full((len(touches), len(self.names)), UNSOLVED_PC)
         derivatives = np.zeros((*charges.shape, touches.shape[1]))
-        keys = [_make_key(name) for name in self.free]
+        keys = [_make_quantity_key(name) for name in self.free]
         for index, touch in enumerate(touches):
             self.before_solve()
             try:
@@ -194,7 +196,7 @@ class SolvedResponse:
         """Return the scene with the quantities of a touch of shape (k,), and with `error_bound`."""
         changes: dict[str, Any] = {"numerics.tolerance": self.error_bound}
         for name, value in zip(self.quantity_names, touch.tolist(), strict=True):
-            changes[_make_key(name)] = value
+            changes[_make_quantity_key(name)] = value
         return self.scene.with_(**changes)
 
 
@@ -252,7 +254,7 @@ def _choose_domain(scene: Scene, touches: int) -> Domain:
     return Domain(reach_mm, domains[0].force_N)
 
 
-def _list_probes(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
+def _make_probe_list_scene(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
     """Return the scene with a list of probes, one for each touch, each with its own force.
 
     Parameters
@@ -288,7 +290,9 @@ def _list_probes(scene: Scene, touches: int, unknown: Sequence[str]) -> Scene:
     return scene.with_(probe=tables)
 
 
-def _find_errors(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator[str]:
+def _find_scene_suitability_errors(
+    scene: Scene, touches: int, unknown: Sequence[str]
+) -> Iterator[str]:
     """Yield an error message for each reason why touches cannot be located by solves of a scene.
 
     Parameters
@@ -327,7 +331,7 @@ def _find_errors(scene: Scene, touches: int, unknown: Sequence[str]) -> Iterator
         yield f"unknown: must not be empty; choose from {', '.join(LONGEST_STEPS)}"
 
 
-def _make_key(quantity: str) -> str:
+def _make_quantity_key(quantity: str) -> str:
     """Return the key of a quantity in a scene with a list of probes."""
     return quantity if quantity.startswith("probe[") else f"probe[0].{quantity}"
 

@@ -68,7 +68,9 @@ def search_touches_by_solves(
     swapped_columns = response.swapped_columns
     candidates = []
     for unheated in _make_unheated_problems(coarse):
-        candidates.append(_take_preliminary_steps(unheated, response.scene_touch, options))
+        candidates.append(
+            _improve_superposition_candidates(unheated, response.scene_touch, options)
+        )
     refined = options.refined_candidates
     found: list[SearchResult] = []
     for ranks in (slice(refined), slice(refined, None)):
@@ -184,7 +186,7 @@ def _make_unheated_problems(problem: LocationProblem) -> Iterator[LocationProble
         )
 
 
-def _take_preliminary_steps(
+def _improve_superposition_candidates(
     problem: LocationProblem, scene_touch: Array, options: LocateOptions
 ) -> Array:
     """Find candidates by superposition, improve them by a few search steps, and sort them.
@@ -292,7 +294,7 @@ def find_superposed_candidates(
         )
         tables.append(table)
     superpositions = _fit_superpositions(problem, tables)
-    chosen = _choose_apart(superpositions.positions_mm, options)
+    chosen = _choose_distant_candidates(superpositions.positions_mm, options)
     amplitudes = superpositions.amplitudes[chosen]
     coordinates = np.tile(problem.to_coordinates(scene_touch[None]), (len(chosen), 1))
     candidates = coordinates.copy()
@@ -378,7 +380,7 @@ def _list_combinations(tables: Sequence[SingleTouches]) -> Indices:
     return np.array(list(product(first_rows, range(len(first_rows), count))))
 
 
-def _choose_apart(positions_mm: Array, options: LocateOptions) -> list[int]:
+def _choose_distant_candidates(positions_mm: Array, options: LocateOptions) -> list[int]:
     """Choose the best candidates whose positions differ enough from each other.
 
     Parameters

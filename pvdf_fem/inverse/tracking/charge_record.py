@@ -212,7 +212,7 @@ class ChargeRecord:
             return 0
         earlier, earlier_noise = self._average_charges(-2 * count, count)
         later, later_noise = self._average_charges(-count, count)
-        walk = self._compute_variance_since(self.samples[-2 * count])
+        walk = self._compute_error_variance_since(self.samples[-2 * count])
         is_still = _is_within_noise(later - earlier, walk + earlier_noise + later_noise)
         return count if is_still else 0
 
@@ -239,7 +239,7 @@ class ChargeRecord:
         charges = np.array([sample.charges_pC for sample in samples])
         return variance * (weights * charges).sum(axis=0), variance
 
-    def _compute_variance_since(self, sample: ChargeSample) -> Array:
+    def _compute_error_variance_since(self, sample: ChargeSample) -> Array:
         """Compute the variance in pC² of the errors accumulated since a sample, per electrode."""
         last = self.samples[-1]
         walk = last.walk_variance - sample.walk_variance
@@ -277,7 +277,7 @@ class ChargeRecord:
         sizes = (charges - residual) @ direction
         variances = []
         for sample in pressed:
-            since_variance = self._compute_variance_since(sample)
+            since_variance = self._compute_error_variance_since(sample)
             variances.append(since_variance + sample.noise_variance + noise_variance)
         limits = 4.0 * np.sqrt(np.array(variances) @ np.square(direction))
         is_changed = np.flatnonzero(sizes > limits)

@@ -277,11 +277,11 @@ class Tracker:
         residual = self._baseline.predict_residual(onset_s)
         contact = Contact(self._problem, self._circuit, onset_s, residual)
         for sample in samples:
-            self._add_to_contact(contact, sample.time_s, sample.voltages)
+            self._add_sample_to_contact(contact, sample.time_s, sample.voltages)
         self._contact = contact
         return self._make_contact_row(samples[-1].time_s, contact)
 
-    def _add_to_contact(self, contact: Contact, t: float, voltages: Array) -> None:
+    def _add_sample_to_contact(self, contact: Contact, t: float, voltages: Array) -> None:
         """Add a sample to a contact, with the drift of the charges due to the baseline's error.
 
         Parameters
@@ -318,7 +318,7 @@ class Tracker:
         contact : Contact
             Contact in progress.
         """
-        self._add_to_contact(contact, t, voltages)
+        self._add_sample_to_contact(contact, t, voltages)
         if contact.record.detect_end():
             contact.close()
             self._finish_contact(t, contact)
@@ -345,13 +345,13 @@ class Tracker:
         status : TrackStatus, optional
             Reason why the contact was cut off. Default: None, the contact has ended.
         """
-        self.touches.append(self._summarise(contact, status))
+        self.touches.append(self._summarise_contact(contact, status))
         end_s, voltages = contact.record.get_voltages_after_end()
         self._baseline.replace_residual(end_s, t, voltages)
         self._contact = None
         self._detector = ContactDetector(len(self.response.names), self._options)
 
-    def _summarise(self, contact: Contact, status: TrackStatus | None) -> TouchSummary:
+    def _summarise_contact(self, contact: Contact, status: TrackStatus | None) -> TouchSummary:
         """Summarise a contact at the sample from which it was last located.
 
         If it is not located, the summary is that of the sample with the largest charges, without

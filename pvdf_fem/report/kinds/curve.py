@@ -80,7 +80,7 @@ class Curve(CurveKind):
         base = self.resolve_scene(inputs)
         values = self._choose_values(inputs)
         all_series = []
-        for curve, changes in self._list_family():
+        for curve, changes in self._list_curve_changes():
             with prefix_errors("x, values, family" if self.family else "x, values"):
                 scenes = [base.with_(**{**changes, self.full_key: x}) for x in values]
             names = self.resolve_electrodes(scenes[0])
@@ -114,7 +114,7 @@ class Curve(CurveKind):
             raise SceneError([format_error("values", list(values), reason)])
         return values
 
-    def _list_family(self) -> list[tuple[str | None, dict[str, Any]]]:
+    def _list_curve_changes(self) -> list[tuple[str | None, dict[str, Any]]]:
         """Return the name and the change of the scene for each curve.
 
         Without a family there is one curve without a name and without a change.

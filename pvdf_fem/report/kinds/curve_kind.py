@@ -107,7 +107,7 @@ class CurveKind(ElectrodeKind):
     def list_scenes(self, inputs: Inputs) -> list[Scene]:
         """Return the scenes of the curves, then the scenes of the data on the curves."""
         series = self.list_series(inputs)
-        data = self._list_data(inputs, series)
+        data = self._list_data_series(inputs, series)
         self.require_rows(data, self.missing_rows)
         scenes = []
         for one in [*series, *data]:
@@ -125,7 +125,7 @@ class CurveKind(ElectrodeKind):
         series = self.list_series(inputs)
         reading = self.resolve_reading(inputs)
         tables = [_make_table(results, curve, reading) for curve in series]
-        for points in self._list_data(inputs, series):
+        for points in self._list_data_series(inputs, series):
             table = _make_table(results, points, reading)
             tables.append(table[table.charge_pC.notna()])
         frame = pd.concat([table for table in tables if len(table)], ignore_index=True)
@@ -161,7 +161,7 @@ class CurveKind(ElectrodeKind):
         """Return the caption with sentences about curves and readings."""
         return data.caption
 
-    def _list_data(self, inputs: Inputs, series: list[SceneSeries]) -> list[SceneSeries]:
+    def _list_data_series(self, inputs: Inputs, series: list[SceneSeries]) -> list[SceneSeries]:
         """Return a series of one scene for each row of the data on a curve.
 
         In each panel a row is assigned to the first curve on which it lies.

@@ -90,7 +90,7 @@ class IsochargeData:
     @property
     def limits_pC(self) -> tuple[float, float]:
         """Smallest and largest charge of all electrodes in pC."""
-        return _find_limits(self.charges_pC)
+        return _find_charge_limits(self.charges_pC)
 
 
 class Isocharge(MapKind):
@@ -115,7 +115,7 @@ class Isocharge(MapKind):
         self.resolve_electrodes(scene)
         map_points = self.choose_map_points(scene, inputs)
         scenes = map_points.scenes
-        rows, _ = self._find_data(inputs, scene, map_points.reach_mm)
+        rows, _ = self._find_data_on_map(inputs, scene, map_points.reach_mm)
         self.require_rows(rows, "of the scene within the reach")
         return scenes
 
@@ -176,7 +176,7 @@ class Isocharge(MapKind):
         figure.supxlabel("x of the probe (mm)")
         figure.supylabel("y of the probe (mm)")
         bar = figure.colorbar(filled, ax=list(axes), aspect=30, fraction=0.04, pad=0.02)
-        ticks = _label_levels(data, shades)
+        ticks = _make_colour_bar_labels(data, shades)
         bar.set_ticks(list(ticks), labels=list(ticks.values()))
         bar.ax.set_ylabel(READING_LABELS[data.reading])
 
@@ -204,12 +204,12 @@ class Isocharge(MapKind):
         data = points.groupby("electrode").charge_pC.unique()
         if len(points) and max(map(len, data)) <= self.levels_pC:
             return {name: sorted(data.get(name, [])) for name in charges}
-        low, high = _find_limits(charges)
+        low, high = _find_charge_limits(charges)
         locator = MaxNLocator(self.levels_pC + 1, steps=[1, 2, 2.5, 5, 10])
         ticks = [float(tick) for tick in locator.tick_values(low, high) if low < tick < high]
         return {name: ticks for name in charges}
 
-    def _find_data(
+    def _find_data_on_map(
         self, inputs: Inputs, scene: Scene, reach_mm: float
     ) -> tuple[list[int], list[Scene]]:
         """Find the rows of the data whose scenes differ from the map's only in the position.
@@ -265,7 +265,7 @@ class Isocharge(MapKind):
         if readings is None:
             return pd.DataFrame(columns=POINT_COLUMNS, dtype=float)
         scene = self.resolve_scene(inputs)
-        rows, scenes = self._find_data(inputs, scene, charge_map.domain.reach_mm)
+        rows, scenes = self._find_data_on_map(inputs, scene, charge_map.domain.reach_mm)
         data = readings.get_charges(scenes, charge_map.names, self.resolve_reading(inputs))[rows]
         places = np.array([get_probe_position_mm(scenes[row]) for row in rows])
         computed, slopes = charge_map.evaluate(np.pad(places, ((0, 0), (0, 2))))
@@ -277,7 +277,7 @@ class Isocharge(MapKind):
         return pd.DataFrame(points, columns=POINT_COLUMNS)
 
 
-def _find_limits(charges: dict[str, Array]) -> tuple[float, float]:
+def _find_charge_limits(charges: dict[str, Array]) -> tuple[float, float]:
     """Return the smallest and largest charge of all electrodes."""
     values = np.array(list(charges.values()))
     return float(values.min()), float(values.max())
@@ -328,7 +328,7 @@ def _draw_panel(ax: Axes, data: IsochargeData, name: str, shades: Array) -> Scal
     return filled
 
 
-def _label_levels(data: IsochargeData, shades: Array) -> dict[float, str]:
+def _make_colour_bar_labels(data: IsochargeData, shades: Array) -> dict[float, str]:
     """Return the labels of the colour bar by charge.
 
     The levels are labelled, and the ends of the bar if no level is close to them.

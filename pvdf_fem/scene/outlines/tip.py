@@ -314,17 +314,17 @@ class PolygonTip(Tip):
     def make_offset_outline(self, distance: float) -> Polygon:
         """Make a polygon with few corners, all at about `distance` (in m) from the face."""
         offset = self.polygon.inscribed_polygon.buffer(distance, quad_segs=4)
-        return _simplify(offset, distance)
+        return _simplify_polygon(offset, distance)
 
     def fit_outline(self, points: Array) -> Polygon:
         """Fit a polygon with few corners to points around the face; see `Tip.fit_outline`."""
         shape = shapely.Polygon(points)
         if not shape.is_valid:  # gmsh would not terminate if sides crossed at a narrow corner
             shape = max(shapely.get_parts(shape.buffer(0.0)), key=shapely.area)
-        return _simplify(shape, float(self.compute_distances(points).value.mean()))
+        return _simplify_polygon(shape, float(self.compute_distances(points).value.mean()))
 
 
-def _simplify(shape: shapely.Polygon, width: float, detail: float = 0.03) -> Polygon:
+def _simplify_polygon(shape: shapely.Polygon, width: float, detail: float = 0.03) -> Polygon:
     """Return a polygon without those corners that hardly change its outline.
 
     Parameters

@@ -61,7 +61,7 @@ class Layout(ShapedTable):
     """true: there is one more electrode, the last one, at the film's centre."""
 
     @model_validator(mode="after")
-    def _reject_shape(self) -> Self:
+    def _reject_shape_in_thesis_layout(self) -> Self:
         """Refuse shapes other than squares in the thesis's layouts."""
         if self.layout != "ring" and self.shape != "square":
             reason = 'requires layout = "ring"; remove it or change layout'

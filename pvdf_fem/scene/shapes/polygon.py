@@ -16,7 +16,7 @@ from pvdf_fem.scene.shapes.shape import COORDINATE, PolygonalShape
 Vertices = tuple[tuple[float, float], ...]
 
 
-def _reject_defect(vertices: Vertices) -> Vertices:
+def _require_simple_polygon(vertices: Vertices) -> Vertices:
     """Refuse vertices that do not form a simple polygon."""
     if defect := find_polygon_defect(vertices):
         reason = f"{defect}; list the corners of a simple polygon once, in order"
@@ -32,7 +32,7 @@ class PolygonShape(PolygonalShape):
         Vertices,
         Field(min_length=3, max_length=1000),
         replace(COORDINATE, example=[[0.0, 0.0], [4.0, 0.0], [0.0, 3.0]]),
-        AfterValidator(_reject_defect),
+        AfterValidator(_require_simple_polygon),
     ]
     """Vertices [[x, y], ...] in order, clockwise or counter-clockwise."""
 

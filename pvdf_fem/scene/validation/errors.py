@@ -138,7 +138,7 @@ def _describe_error(details: ErrorDetails, where: str, model: type[BaseModel]) -
     location = details["loc"]
     value = details["input"]
     context = details.get("ctx", {})
-    steps = _to_file_steps(location, is_last_step_a_key=kind == "extra_forbidden")
+    steps = _convert_to_file_steps(location, is_last_step_a_key=kind == "extra_forbidden")
     key = join_key(where, steps)
     reason = REASONS.get(kind, f"{details['msg'][:120]}; change it")
     if kind == "missing":
@@ -160,10 +160,12 @@ def _describe_error(details: ErrorDetails, where: str, model: type[BaseModel]) -
     elif kind == "model_type" and isinstance(value, list):
         reason = f"must be one table, not a list; begin it with [{key}], not [[{key}]]"
     elif kind == "literal_error":
-        reason = f"is not a valid value; {suggest(value, _find_quoted(context['expected']))}"
+        reason = f"is not a valid value; {suggest(value, _find_quoted_words(context['expected']))}"
     elif kind == "union_tag_invalid":
         value = value["shape"]
-        reason = f"is not a valid shape; {suggest(value, _find_quoted(context['expected_tags']))}"
+        reason = (
+            f"is not a valid shape; {suggest(value, _find_quoted_words(context['expected_tags']))}"
+        )
     elif kind == "float_type" and isinstance(value, bool):
         reason = "must be a number, not true or false; write digits"
     elif kind == "float_type" and isinstance(value, int):
@@ -175,7 +177,9 @@ def _describe_error(details: ErrorDetails, where: str, model: type[BaseModel]) -
     return format_error(key, value, reason)
 
 
-def _to_file_steps(location: tuple[int | str, ...], is_last_step_a_key: bool) -> list[int | str]:
+def _convert_to_file_steps(
+    location: tuple[int | str, ...], is_last_step_a_key: bool
+) -> list[int | str]:
     """Convert pydantic's location of an error to the names and indices of a key in the scene file.
 
     Two sorts of steps are dropped. Tags of unions begin with ``<`` and are not keys, unless the
@@ -266,7 +270,7 @@ def _find_keys(location: tuple[int | str, ...], model: type[BaseModel]) -> list[
     return []
 
 
-def _find_quoted(text: str) -> list[str]:
+def _find_quoted_words(text: str) -> list[str]:
     """Return the words that a message has in single quotes, without the quotes."""
     return re.findall("'([^']*)'", text)
 
@@ -280,22 +284,22 @@ def _find_errors_between_valid_tables(data: Mapping[str, Any]) -> Iterator[str]:
     radius = {}
     if isinstance(film, dict) and "radius_mm" in film:
         radius = {"radius_mm": film["radius_mm"]}
-    valid_film = _validate(Film, radius)
+    valid_film = _validate_value(Film, radius)
     numerics = data.get("numerics")
     observable = numerics.get("observable") if isinstance(numerics, dict) else ""
     electrodes = data.get("electrodes", {})
     valid_electrodes = _validate_entries("electrodes", Electrode, electrodes)
     probe = data.get("probe")
-    valid_probe = _validate(Probe, probe)
+    valid_probe = _validate_value(Probe, probe)
     if valid_probe is not None:
         probes = {"probe": valid_probe}
     else:
         probes = _validate_entries("probe", ListedProbe, probe)
     yield from find_placement_errors(
         radius_mm=valid_film.radius_mm if valid_film else None,
-        electrodes=valid_electrodes or _validate(Electrodes, electrodes) or {},
+        electrodes=valid_electrodes or _validate_value(Electrodes, electrodes) or {},
         probes=probes,
-        load=_validate(Load, data.get("load", {})),
+        load=_validate_value(Load, data.get("load", {})),
         observable=observable if isinstance(observable, str) else "",
     )
 
@@ -322,13 +326,13 @@ def _validate_entries(name: str, model: type[Section], tables: Any) -> dict[str,
         return {}
     models = {}
     for number, table in enumerate(tables[:MAX_ERRORS]):
-        valid = _validate(model, table)
+        valid = _validate_value(model, table)
         if valid is not None:
             models[f"{name}[{number}]"] = valid
     return models
 
 
-def _validate(model: Any, value: Any) -> Any:
+def _validate_value(model: Any, value: Any) -> Any:
     """Return the value as `model`, a model or another type; None if the value is invalid."""
     try:
         return TypeAdapter(model).validate_python(value)

@@ -87,7 +87,7 @@ class IncompatibleKeys:
                 yield format_error(refused.key, refused.value, reason)
 
 
-def _find_in_film(tables: SceneTables, name: str, value: Any = None) -> Iterable[Occurrence]:
+def _find_film_key(tables: SceneTables, name: str, value: Any = None) -> Iterable[Occurrence]:
     """Return the occurrence of a key of the film if the key has a given value.
 
     Parameters
@@ -114,7 +114,7 @@ def _make_film_setting(name: str, value: Any = None) -> Setting:
     words = f"film.{name}"
     if value is not None:
         words += f' = "{value}"' if isinstance(value, str) else f" = {str(value).lower()}"
-    return Setting(words, partial(_find_in_film, name=name, value=value))
+    return Setting(words, partial(_find_film_key, name=name, value=value))
 
 
 def _find_thesis_edges(tables: SceneTables) -> Iterator[Occurrence]:

@@ -66,7 +66,7 @@ def find_placement_errors(
             yield from _find_rim_errors(key, probe, radius_mm)
         if load is not None:
             yield from _find_load_errors(radius_mm, key, probe, load)
-    yield from _find_overlaps(probes)
+    yield from _find_overlap_errors(probes)
 
 
 def _find_load_errors(
@@ -182,7 +182,7 @@ def _find_electrode_errors(
         yield from _find_list_errors(radius_mm, keyed)
     entry = OBSERVABLE_ENTRIES.get(observable)
     if entry is not None and entry.needs_edges:
-        yield from _find_edge_errors(observable, keyed)
+        yield from _find_non_rectangle_errors(observable, keyed)
 
 
 def _find_layout_errors(radius_mm: float | None, layout: Layout) -> Iterator[str]:
@@ -216,10 +216,10 @@ def _find_list_errors(
         if other != key:
             reason = f"is also the name of {other}; give each electrode its own name"
             yield format_error(f"{key}.name", electrode.name, reason)
-    yield from _find_overlaps(electrodes)
+    yield from _find_overlap_errors(electrodes)
 
 
-def _find_overlaps(shapes: Mapping[str, PlacedShape]) -> Iterator[str]:
+def _find_overlap_errors(shapes: Mapping[str, PlacedShape]) -> Iterator[str]:
     """Yield an error message, with ``x_mm`` of the later shape, for each pair that overlaps."""
     for (first_key, first), (key, shape) in combinations(shapes.items(), 2):
         if has_overlap(first.outline, shape.outline):
@@ -278,7 +278,9 @@ def _describe_excess(reach_mm: float, radius_mm: float) -> str:
     return f"{text} ({question})" if question else text
 
 
-def _find_edge_errors(observable: str, electrodes: Mapping[str, Electrode]) -> Iterator[str]:
+def _find_non_rectangle_errors(
+    observable: str, electrodes: Mapping[str, Electrode]
+) -> Iterator[str]:
     """Yield an error message for each electrode that is no rectangle with edges along x and y.
 
     The observable, which requires such rectangles, is named in the messages.

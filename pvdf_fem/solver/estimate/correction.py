@@ -143,7 +143,9 @@ def _correct_by_few_steps(
     rich = correction.rich
     prolongation = correction.prolongation
     initial_residual = rich.residual(correction.state)
-    q = correction.start - _solve_linearised(correction, initial_residual, factors, options=options)
+    q = correction.start - _solve_linearised_equations(
+        correction, initial_residual, factors, options=options
+    )
     last_size = np.inf  # sizes are squared energy norms
     for _ in range(options.smooth_steps):
         coarse_residual = prolongation.T @ rich.residual(rich.state(q))
@@ -160,7 +162,7 @@ def _correct_by_few_steps(
     return q
 
 
-def _solve_linearised(
+def _solve_linearised_equations(
     correction: Correction, b: Array, factors: SuperLU, *, options: CorrectionOptions
 ) -> Array:
     """Solve A x = b with the tangent A of the richer space by preconditioned conjugate gradients.

@@ -86,13 +86,15 @@ class DeferredNewton(NewtonVariant):
 
     def choose_tangent(self, state: State, iterations: Sequence[Iteration]) -> FactorisedTangent:
         """Return the last tangent while its steps are small and shrink fast, else a new one."""
-        if self._tangent is not None and not self._is_outdated(self._tangent, iterations):
+        if self._tangent is not None and not self._is_tangent_outdated(self._tangent, iterations):
             return self._tangent
         last_size = iterations[-1].step_size if iterations else self._initial_size
         self._tangent = self._make_tangent(state, last_size)
         return self._tangent
 
-    def _is_outdated(self, tangent: FactorisedTangent, iterations: Sequence[Iteration]) -> bool:
+    def _is_tangent_outdated(
+        self, tangent: FactorisedTangent, iterations: Sequence[Iteration]
+    ) -> bool:
         """Return whether the tangent is convex, or its steps are large or shrink slowly."""
         last = iterations[-1]
         if tangent.is_convex or last.step_size > self.options.defer_size:
@@ -136,7 +138,7 @@ class DeferredNewton(NewtonVariant):
         is_late = len(iterations) >= self.options.patience
         if still_moves and is_late and is_compressed(state):
             return Status.UNSTABLE
-        if not self._is_last_step_small(iterations):
+        if not self._is_next_step_small(iterations):
             return None
         is_state_compressed = is_compressed(state)
         self.factors = tangent.factors
@@ -146,7 +148,7 @@ class DeferredNewton(NewtonVariant):
             return Status.UNSTABLE
         return Status.CONVERGED
 
-    def _is_last_step_small(self, iterations: Sequence[Iteration]) -> bool:
+    def _is_next_step_small(self, iterations: Sequence[Iteration]) -> bool:
         """Return whether the next step is expected to be smaller than the squared tolerance.
 
         After a step s with a new tangent the next is about s² (quadratic convergence). With a

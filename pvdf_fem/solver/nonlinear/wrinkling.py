@@ -146,7 +146,7 @@ class PredictedStressNewton(NewtonVariant):
         low_length = 0.0
         low_slope = step.slope
         high_length = 1.0
-        high_slope = self._compute_slope(step, high_length)
+        high_slope = self._compute_energy_slope(step, high_length)
         if not high_slope > small_slope:
             return high_length
         for _ in range(options.line_search_trials):
@@ -154,7 +154,7 @@ class PredictedStressNewton(NewtonVariant):
             cut = options.line_search_cut * width
             length = low_length - width * low_slope / (high_slope - low_slope)
             length = float(np.clip(length, low_length + cut, high_length - cut))
-            slope = self._compute_slope(step, length)
+            slope = self._compute_energy_slope(step, length)
             if abs(slope) < small_slope:
                 break
             if slope > 0.0:
@@ -165,7 +165,7 @@ class PredictedStressNewton(NewtonVariant):
                 low_slope = slope
         return length
 
-    def _compute_slope(self, step: NewtonStep, length: float) -> float:
+    def _compute_energy_slope(self, step: NewtonStep, length: float) -> float:
         """Compute the derivative of the energy with respect to the step length, in J."""
         state = self.equilibrium.state(step.q + length * step.direction)
         return float(self.equilibrium.residual(state) @ step.direction)
@@ -235,7 +235,7 @@ def continue_from_larger_loads(
     """
     max_total = min(affordable_iterations, max_iterations)
     growth = ratio
-    factor = _compute_taut_factor(equilibrium.scene)
+    factor = _compute_tautening_load_factor(equilibrium.scene)
     solved_factor = factor
     solved_q: Array | None = None
     iterations: list[Iteration] = []
@@ -266,7 +266,7 @@ def continue_from_larger_loads(
     return replace(result, status=status, iterations=tuple(iterations))
 
 
-def _compute_taut_factor(scene: Scene) -> float:
+def _compute_tautening_load_factor(scene: Scene) -> float:
     """Compute the factor on the loads at which their strain equals the film's excess strain.
 
     It is 1 if the strain is already larger, or if there are no loads.

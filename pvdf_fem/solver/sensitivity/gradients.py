@@ -122,7 +122,7 @@ def gradients(
     >>> derivatives["probe.x_mm"]["A"], derivatives.errors["probe.x_mm"]["A"]
     """
     problem = _resolve_problem(solution)
-    requested = _check_parameters(problem, parameters)
+    requested = _validate_requested_keys(problem, parameters)
     if tolerance is not None:
         tolerance = coerce("tolerance", tolerance, float, (1e-9, 1.0))
         if isinstance(solution, Solution) and solution.stop is Stop.GIVEN_MESH:
@@ -130,16 +130,16 @@ def gradients(
             raise ValueError(format_error("tolerance", tolerance, reason))
     if not isinstance(solution, Solution):
         solution = solve_problem(problem)
-    derivatives = _differentiate(solution, requested)
+    derivatives = _compute_charge_gradients(solution, requested)
     if tolerance is None:
         return derivatives
     while max(derivatives.relative_errors.values(), default=0.0) > tolerance:
-        finer = _solve_finer(derivatives, tolerance)
-        derivatives = _differentiate(finer, requested)
+        finer = _solve_with_smaller_tolerance(derivatives, tolerance)
+        derivatives = _compute_charge_gradients(finer, requested)
     return derivatives
 
 
-def _check_parameters(problem: Problem, parameters: Sequence[str] | None) -> Sequence[str]:
+def _validate_requested_keys(problem: Problem, parameters: Sequence[str] | None) -> Sequence[str]:
     """Return the requested keys, by default all; ValueError for a key without derivatives."""
     differentiable = list_parameters(problem)
     if parameters is None:
@@ -160,7 +160,7 @@ def _resolve_problem(solution: Solution | SceneLike) -> Problem:
     return Problem.from_scene(as_scene(solution))
 
 
-def _solve_finer(
+def _solve_with_smaller_tolerance(
     derivatives: Gradients, tolerance: float, *, min_charge_tolerance: float = 2e-8
 ) -> Solution:
     """Solve a scene again with a smaller tolerance of its charges.
@@ -210,7 +210,7 @@ def _solve_finer(
     )
 
 
-def _differentiate(solution: Solution, requested: Sequence[str]) -> Gradients:
+def _compute_charge_gradients(solution: Solution, requested: Sequence[str]) -> Gradients:
     """Compute the derivatives of the charges of a solution, and their errors.
 
     Parameters

@@ -134,10 +134,14 @@ def compute_rate(adjoint: Adjoint, key: str, *, with_heat: bool = True) -> Array
     step = STEP * magnitude
     if scene.tips:
         step *= TIP_STEP * scene.numerics.tolerance
-    return by_outline + _difference_charges(adjoint, key, step=step, with_heat=with_heat)
+    return by_outline + _compute_charge_difference_quotient(
+        adjoint, key, step=step, with_heat=with_heat
+    )
 
 
-def _difference_charges(adjoint: Adjoint, key: str, *, step: float, with_heat: bool) -> Array:
+def _compute_charge_difference_quotient(
+    adjoint: Adjoint, key: str, *, step: float, with_heat: bool
+) -> Array:
     """Compute the central difference quotient of Q - λ · R for a key, at fixed unknowns.
 
     Returns an array of shape (outputs,) in C per unit of the key.

@@ -57,12 +57,12 @@ class Uncertainty(Result):
     @property
     def charges_pC(self) -> dict[str, float]:
         """Standard deviation of each total charge in pC, by electrode."""
-        return _combine_parts(self.parts_pC)
+        return _combine_uncertainty_parts(self.parts_pC)
 
     @property
     def charge_changes_pC(self) -> dict[str, float]:
         """Standard deviation of each change of a charge by the load in pC, by electrode."""
-        return _combine_parts(self.change_parts_pC)
+        return _combine_uncertainty_parts(self.change_parts_pC)
 
     def shares(self) -> dict[str, dict[str, float]]:
         """Return the fraction of the variance of each total charge due to each number.
@@ -233,7 +233,7 @@ def resolve_uncertainty(problem: Problem) -> ResolvedUncertainty:
         raise SceneError(["uncertain: is required; give keys with their standard deviations"])
     values = {normalize_key(key): value for key, value in uncertain.items()}
     if PRETENSION in values:
-        problem = problem.with_scene(_prescribe_uncertain_pretension(problem.scene))
+        problem = problem.with_scene(_replace_cooling_by_pretension(problem.scene))
     known = list_parameters(problem)
     deviations: dict[str, dict[str, float]] = {}
     errors = []
@@ -250,7 +250,7 @@ def resolve_uncertainty(problem: Problem) -> ResolvedUncertainty:
     return ResolvedUncertainty(problem, deviations)
 
 
-def _prescribe_uncertain_pretension(scene: Scene) -> Scene:
+def _replace_cooling_by_pretension(scene: Scene) -> Scene:
     """Return the scene with its pretension given, even if its film was cooled.
 
     `SceneError` is raised if a cooled film has patches or warms: its pretension is not uniform.
@@ -303,7 +303,7 @@ def _differentiate_unloaded_charges(problem: Problem, unloaded: Adjoint | None, 
     return (high - low) / (2.0 * change)
 
 
-def _combine_parts(parts: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+def _combine_uncertainty_parts(parts: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     """Return the square root of the sum of squares over the keys, by electrode."""
     names = next(iter(parts.values()))
     deviations = {}

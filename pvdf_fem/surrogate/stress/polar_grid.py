@@ -45,7 +45,7 @@ class PolarGrid:
     @property
     def axes(self) -> tuple[UniformAxis, UniformAxis]:
         """Axes of s in mm and of θ in radians."""
-        steps = int(np.ceil(self._stretch(self.reach_mm) / self.step_mm))
+        steps = int(np.ceil(self._stretch_distances(self.reach_mm) / self.step_mm))
         start_mm = -PADDING_STEPS * self.step_mm
         along_ray = UniformAxis(start_mm, self.step_mm, PADDING_STEPS + steps + 1)
         around = UniformAxis(0.0, 2.0 * np.pi / self.angle_count, self.angle_count, periodic=True)
@@ -66,9 +66,9 @@ class PolarGrid:
         """
         rho = np.linalg.norm(points_mm, axis=-1)
         theta = np.arctan2(points_mm[..., 1], points_mm[..., 0])
-        return np.stack([self._stretch(rho), theta], axis=-1)
+        return np.stack([self._stretch_distances(rho), theta], axis=-1)
 
-    def _stretch(self, rho_mm: Array | float) -> Array:
+    def _stretch_distances(self, rho_mm: Array | float) -> Array:
         """Convert distances ρ to the stretched coordinate s = b arcsinh(ρ/b)."""
         return np.asarray(self.stretch_mm * np.arcsinh(np.divide(rho_mm, self.stretch_mm)))
 

@@ -98,7 +98,7 @@ def scale_axis(axis: XAxis | YAxis, keys: list[DataArray]) -> Array:
         if axis.axis_name == "x":
             axis.set_tick_params(labelrotation=90)
         return positions
-    if _is_geometric(values):
+    if _is_geometric_sequence(values):
         axis.axes.set(**{f"{axis.axis_name}scale": "log"})
         axis.set_ticks(values[thinned], [f"{value:.3g}" for value in values[thinned]])
         axis.set_ticks([], minor=True)
@@ -107,7 +107,7 @@ def scale_axis(axis: XAxis | YAxis, keys: list[DataArray]) -> Array:
     return np.asarray(values)
 
 
-def _is_geometric(values: Array) -> bool:
+def _is_geometric_sequence(values: Array) -> bool:
     """Return whether there are at least three values, all positive and with a constant ratio."""
     if values.size < 3 or values.min() <= 0.0:
         return False

@@ -59,7 +59,7 @@ def draw_sweep(data: Dataset) -> Figure:
             advice = f"choose from the others, as data.isel({selection})"
         raise ValueError(f"a chart has one or two axes, not {len(dimensions)}: {advice}")
     for dimension in dimensions:
-        data = _sort_along(data, dimension)
+        data = _sort_sweep_along_dimension(data, dimension)
     dimensions.sort(key=lambda dimension: data.sizes[dimension])
     with use_style():
         if len(dimensions) == 1:
@@ -70,7 +70,7 @@ def draw_sweep(data: Dataset) -> Figure:
         return _draw_maps(data, down=shorter, across=longer)
 
 
-def _sort_along(data: Dataset, dimension: str) -> Dataset:
+def _sort_sweep_along_dimension(data: Dataset, dimension: str) -> Dataset:
     """Sort a sweep along a dimension by its key if this is a single key with numbers.
 
     Otherwise the sweep is returned unchanged.

@@ -72,7 +72,7 @@ def draw_frequency_response(
         axes[0].margins(x=0.0)
         _mark_resonances(axes[0], resonances)
         if is_damped:
-            _scale_to_phases(axes[1], phases)
+            _scale_axis_to_phases(axes[1], phases)
         axes[0].xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes[0].xaxis.set_major_formatter("{x:g}")
         axes[0].xaxis.set_minor_formatter("")
@@ -118,7 +118,7 @@ def _mark_resonances(ax: Axes, resonances: Array) -> None:
             )
 
 
-def _scale_to_phases(ax: Axes, phases: Array) -> None:
+def _scale_axis_to_phases(ax: Axes, phases: Array) -> None:
     """Fit the vertical axis to phases in degrees, and set its ticks.
 
     Ticks are at multiples of `PHASE_STEP_DEG`, or for a range above `MAX_PHASE_RANGE_DEG` at
