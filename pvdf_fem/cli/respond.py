@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     InputError
         If an option or the scene is invalid.
     NotConvergedError
-        If there is no equilibrium about which the force could oscillate.
+        If there is no equilibrium about which the film could oscillate.
     """
     errors = []
     frequencies = _parse_frequencies(options.frequencies)

@@ -61,7 +61,7 @@ def serve(scene: Scene, file: Path, port: int, browser: bool) -> None:
             with suppress(KeyboardInterrupt):
                 server.serve_forever()
         finally:
-            _get_solver().shutdown(wait=False, kill_workers=True)
+            _get_executor().shutdown(wait=False, kill_workers=True)
 
 
 def describe_view(start: Scene, query: str, change: str) -> dict[str, Any]:
@@ -99,7 +99,7 @@ def describe_view(start: Scene, query: str, change: str) -> dict[str, Any]:
     }
 
 
-def _get_solver() -> Any:
+def _get_executor() -> Any:
     """Return the executor of the one process in which scenes are solved.
 
     At the first call, or if the solver process has died, a new one is started. It ends with this
@@ -117,7 +117,7 @@ def _get_solver() -> Any:
 def _run_in_solver(function: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
     """Call a function in the solver process; return its dict, or the error message as `failed`."""
     try:
-        return dict(_get_solver().submit(function, *arguments).result())
+        return dict(_get_executor().submit(function, *arguments).result())
     except (RuntimeError, ValueError) as error:  # RuntimeError if the process died, among others
         return {"failed": str(error)}
 

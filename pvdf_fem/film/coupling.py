@@ -194,7 +194,7 @@ class Coupling(Term):
         return self.charge_gradient(state) / np.sqrt(self.electrode.capacitance)
 
     def action(self, state: State, x: Array) -> Array:
-        """Multiply the tangent c cᵀ, without geometric stiffness, by the dofs `x`; return N.
+        """Return the tangent c cᵀ, without the geometric stiffness, times the dofs `x`, in N.
 
         Returns
         -------

@@ -217,8 +217,8 @@ class Term(SolverHints, NonlocalTangent, ABC):
         Returns
         -------
         ndarray, shape (elements, element dofs), or None
-            Forces in N. None without a tangent, and for a nonconservative load: without the small,
-            asymmetric tangent of this load the sum over all terms is symmetric.
+            Forces in N, or None if the term has no tangent or is a nonconservative load, whose
+            small, asymmetric tangent is left out to keep the sum over all terms symmetric.
         """
         tangent = self.element_tangent(state) if self.conservative else None
         if tangent is None:
@@ -306,7 +306,7 @@ class LoadTerm(Term):
         return -float(self.forces(state) @ state.dofs)
 
     def residual(self, state: State) -> Array:
-        """Return the external forces with a minus sign in N.
+        """Return the residual of the load in N, the negative of its external forces.
 
         Returns
         -------

@@ -93,7 +93,7 @@ class Readings:
         Raises
         ------
         SceneError
-            If scenes are invalid. The exception lists the distinct errors of all rows.
+            If scenes are invalid. It lists errors with their rows, at most `MAX_ERRORS`.
         """
         columns = [column for column in self.key_frame if column in SHORT_KEYS or "." in column]
         scenes = []

@@ -378,8 +378,8 @@ class Scene(Result, Section):
         **changes
             Values by dotted key, as in ``**{"load.force_N": 2.0, "electrodes[0].x_mm": 8}``, or
             tables, as in ``film={"thickness_um": 12}``. Tables are merged: keys that are not given
-            keep their values. A model of a table, a `Replaced` table, a list and None replace the
-            old value.
+            keep their values. Any other value replaces the old one: a list, None, an object such
+            as `Film(...)`, or a table wrapped in `Replaced`.
 
         Returns
         -------

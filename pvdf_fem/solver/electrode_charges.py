@@ -78,10 +78,10 @@ class ElectrodeCharges(Result):
 
     @property
     def rest_charges_pC(self) -> dict[str, float]:
-        """Charge in pC of the unloaded film, before the probe warms it, by electrode.
+        """Charges in pC by electrode of the film without load and without heat from the probe.
 
-        All are NaN if the unloaded film has no result, which a warning reports; then
-        `charge_changes_pC` are NaN, too.
+        If the unloaded film has no result, a warning says so, and these charges and
+        `charge_changes_pC` are NaN.
         """
         return self._map_electrodes_to_values(self._unloaded.charges(self._coefficients_pC_N))
 

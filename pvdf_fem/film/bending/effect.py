@@ -336,7 +336,7 @@ def choose_layer_size(
     length : float
         Bending length at the edge in m.
     change : float
-        Relative change, by bending at this edge, of the charge that it changes most.
+        Relative change by bending at this edge of the charge that changes most.
     tolerance : float
         Relative tolerance of charges.
     max_width : float

@@ -82,7 +82,7 @@ def estimate_contact_outlines(scene: Scene) -> dict[str, Outline]:
     outlines = {}
     for probe in scene.tips:
         width = estimate_contact_width(probe, scene.film)
-        tip = _move_to_undeformed_film(probe, scene.film, width)
+        tip = _map_tip_to_undeformed_film(probe, scene.film, width)
         outlines[probe.patch] = tip.make_offset_outline(width)
     return outlines
 
@@ -95,7 +95,7 @@ def estimate_tip_outlines(scene: Scene) -> dict[str, Outline]:
     outlines = estimate_contact_outlines(scene)
     for probe in scene.tips:
         width = estimate_contact_width(probe, scene.film)
-        face = _move_to_undeformed_film(probe, scene.film, width).face
+        face = _map_tip_to_undeformed_film(probe, scene.film, width).face
         if face:
             outlines[format_face_patch(probe)] = face
     return outlines
@@ -112,8 +112,8 @@ def estimate_pressed_area(scene: Scene, probe: LoadedProbe) -> PressedArea:
     return PressedArea(outline, magnitude)
 
 
-def _move_to_undeformed_film(probe: LoadedProbe, film: Film, width: float) -> Tip:
-    """Move and shrink a tip to the position that the film touching it had before it deformed.
+def _map_tip_to_undeformed_film(probe: LoadedProbe, film: Film, width: float) -> Tip:
+    """Map a tip to the undeformed film: undo the estimated drift and stretch of the film below.
 
     Parameters
     ----------
@@ -133,14 +133,14 @@ def _move_to_undeformed_film(probe: LoadedProbe, film: Film, width: float) -> Ti
     force = estimate_load_force(probe.load, film)
     centre = probe.outline.centroid
     edge_radius = tip.face_perimeter / (2.0 * np.pi) + width
-    # mean distance of the rim from a point load that is not at the film's centre
+    # the length in the logarithm of the deflection under a point load off the centre
     rim_distance = film.radius - float(np.hypot(*centre)) ** 2 / film.radius
     distance = min(edge_radius, 0.5 * rim_distance)
     deflection = estimate_point_deflection(film, force, distance, rim_distance)
     unloaded_tension = film.thickness * film.prestress[:2].mean()
-    tension = estimate_tension(film, force, edge_radius) - unloaded_tension
+    tension_increase = estimate_tension(film, force, edge_radius) - unloaded_tension
     biaxial_modulus = film.stiffness[:2, :2].sum(axis=0).mean()
-    stretch = STRETCH_FACTOR * tension / film.thickness / biaxial_modulus
+    stretch = STRETCH_FACTOR * tension_increase / film.thickness / biaxial_modulus
     drift = DRIFT_FACTOR * (deflection / film.radius) ** 2 * centre
     return tip.move(-drift, -stretch)
 

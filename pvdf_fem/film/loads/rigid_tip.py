@@ -259,12 +259,12 @@ class RigidTip(ProbeLoad):
         return _Tractions(elements, weighted[elements])
 
     def forces(self, state: State) -> Array:
-        """Return the forces of the tip on the film, and the net force on a tip of unknown depth.
+        """Return the forces of the tip on the dofs of the film.
 
         Returns
         -------
         ndarray, shape (dofs,)
-            In N; the net force is zero in equilibrium.
+            In N. If the depth is unknown, its dof has the net force on the tip, 0 in equilibrium.
         """
         elements, weighted = self._select_tractions(state)
         on_film = -self.overlap(state).rates[elements] * weighted[..., None]

@@ -163,7 +163,7 @@ class _Request:
         )
 
     def make_measurement(self, response: ChargeFunction) -> Measurement:
-        """Describe how the electrodes with readings are read: channels, noise and meaning."""
+        """Make the measurement of the electrodes with readings: channels and noise."""
         return Measurement.from_response(
             response,
             tuple(self.readings_pC),

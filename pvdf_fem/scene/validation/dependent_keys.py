@@ -40,8 +40,8 @@ _REQUIREMENTS = _collect_requirements()
 def set_key(table: dict[str, Any], key: str, value: Any, alternative: Any = None) -> None:
     """Set a key of a table in place, and remove other keys that do not go with the new value.
 
-    Removed are keys that require another value of the key, keys that require these keys, and the
-    alternative of the key: setting ``depth_mm`` removes ``force_N``.
+    This removes keys that are valid only with another value of `key`, the keys that require those,
+    and the alternative to `key`: setting ``depth_mm`` removes ``force_N``.
 
     Parameters
     ----------

@@ -123,7 +123,10 @@ class LineSearchNewton(FallbackSolver):
         return not task.wrinkles and not task.equilibrium.is_abrupt
 
     def solve(self, task: EquilibriumTask) -> NewtonResult:
-        """Start from the task's initial guess, or from a linear membrane's deflection if None."""
+        """Solve by Newton's method with line search.
+
+        It starts from the task's initial guess or, without one, from a linear membrane.
+        """
         is_near = task.initial_guess is not None
         initial_guess = task.initial_guess
         if initial_guess is None:

@@ -23,8 +23,8 @@ def may_be_stable(equilibrium: Equilibrium, factors: SuperLU) -> bool:
     """Return False if the tangent proves that a compressed equilibrium is unstable.
 
     This is decided only for plates under conservative loads, by the negative pivots of the tangent.
-    Other films return True undecided: nonconservative loads have no energy to minimise, and for a
-    membrane in compression the signs of the pivots depend on the mesh.
+    In all other cases the result is True, without a test: nonconservative loads have no energy to
+    minimise, and for a membrane in compression the signs of the pivots depend on the mesh.
 
     Parameters
     ----------
