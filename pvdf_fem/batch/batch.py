@@ -149,7 +149,7 @@ def _solve_blocks(
     tasks = _list_tasks(plan, store, solved_elsewhere)
     for number, result in run(_solve_task, tasks):
         scenes = plan.scenes_of(number)
-        records = _add_unloaded_integrals(scenes, result, unloaded)
+        records = _complete_records(scenes, result, unloaded)
         _store_records(scenes, records, store)
         yield number, records
     yield from solved_elsewhere.items()
@@ -175,7 +175,7 @@ def _list_tasks(
             yield number, SolveTask(scenes, block.frames)
 
 
-def _add_unloaded_integrals(
+def _complete_records(
     scenes: list[Scene], result: list[Record] | WorkerDied, unloaded: UnloadedRecords
 ) -> list[Record]:
     """Add the stress integrals of the unloaded films to the records of a task.
@@ -187,8 +187,9 @@ def _add_unloaded_integrals(
         records = _make_crashed_records(scenes, records.reason)
     finished = []
     for scene, record in zip(scenes, records, strict=True):
-        film = Problem.from_scene(scene).unloaded_scene
-        finished.append(add_unloaded_integrals(record, scene, unloaded.get(film)))
+        problem = Problem.from_scene(scene)
+        solved_film = unloaded.get(problem.unloaded_scene)
+        finished.append(add_unloaded_integrals(record, problem, solved_film))
     return finished
 
 

@@ -71,17 +71,17 @@ def _remove_electrodes(problem: Problem) -> Scene:
     return problem.scene.model_copy(update={"electrodes": (), "film": film})
 
 
-def add_unloaded_integrals(record: Record, scene: Scene, unloaded: Record | None) -> Record:
+def add_unloaded_integrals(record: Record, problem: Problem, unloaded: Record | None) -> Record:
     """Add the stress integrals of the unloaded film to a scene's record.
 
     Parameters
     ----------
     record : Record
-        The record of `scene`.
-    scene : Scene
-        The loaded scene, from which the unloaded film is derived.
+        The record of the problem's scene.
+    problem : Problem
+        The loaded problem, from which the unloaded film is derived.
     unloaded : Record or None
-        The record of the unloaded film; None if this needs no solve or is `scene` itself.
+        The record of the unloaded film; None if this needs no solve or is the scene itself.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def add_unloaded_integrals(record: Record, scene: Scene, unloaded: Record | None
         about that, or `record` itself if the scene has no solution either. If the solve of the
         unloaded film has crashed, its status and reason become those of the copy.
     """
-    problem = Problem.from_scene(scene)
+    scene = problem.scene
     uniform = compute_uniform_integrals(problem)
     if uniform is not None:
         return _add_unloaded_film_integrals(record, uniform)

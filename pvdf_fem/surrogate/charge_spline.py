@@ -20,13 +20,18 @@ from pvdf_fem.surrogate.uniform_spline import PADDING_STEPS, UniformAxis, Unifor
 FORCE_EXPONENT = 1.0 / 6.0
 
 
+def _compute_scaled_limits(domain: Domain) -> tuple[float, float]:
+    """Compute F^(1/6) of the minimum and of the maximum force F in N."""
+    lowest, highest = domain.force_N
+    return lowest**FORCE_EXPONENT, highest**FORCE_EXPONENT
+
+
 def compute_force_nodes_N(domain: Domain, count: int) -> Array:
     """Compute a number of forces in N, in descending order, at which charges are interpolated.
 
     They are the Chebyshev points in F^(1/6) between the minimum and the maximum force F.
     """
-    lowest, highest = domain.force_N
-    low, high = lowest**FORCE_EXPONENT, highest**FORCE_EXPONENT
+    low, high = _compute_scaled_limits(domain)
     points = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
     return (0.5 * (low + high) + 0.5 * (high - low) * points) ** (1.0 / FORCE_EXPONENT)
 
@@ -52,8 +57,7 @@ def evaluate_force_powers(domain: Domain, force_N: Array, count: int) -> Array:
     -----
     The scaled force t is linear in F^(1/6), from -1 at the minimum to 1 at the maximum force.
     """
-    lowest, highest = domain.force_N
-    low, high = lowest**FORCE_EXPONENT, highest**FORCE_EXPONENT
+    low, high = _compute_scaled_limits(domain)
     not_shifted = 2.0 / (high - low) * force_N**FORCE_EXPONENT
     t = not_shifted - (low + high) / (high - low)
     dt_dF = FORCE_EXPONENT * not_shifted / force_N

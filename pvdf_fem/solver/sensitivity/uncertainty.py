@@ -157,12 +157,10 @@ def uncertainty(
     >>> found.charges_pC["A"]
     """
     scene = with_uncertain_numbers(solution, uncertain)
-    if isinstance(solution, Solution):
-        problem = Problem.from_scene(scene, pressure=solution.pressure)
-        resolved = resolve_uncertainty(problem)
-    else:
-        problem = Problem.from_scene(scene)
-        resolved = resolve_uncertainty(problem)
+    pressure = solution.pressure if isinstance(solution, Solution) else None
+    problem = Problem.from_scene(scene, pressure=pressure)
+    resolved = resolve_uncertainty(problem)
+    if not isinstance(solution, Solution):
         solution = solve_problem(problem)
 
     differentiated = resolved.problem
