@@ -68,7 +68,8 @@ class _ProgressBar:
     """A progress bar of tqdm that appears after `after_s` seconds."""
 
     def __init__(self, unit: str, after_s: float) -> None:
-        self.unit, self.after_s = unit, after_s
+        self.unit = unit
+        self.after_s = after_s
         self.start = time.monotonic()
         self.bar: Any = None
 
@@ -114,7 +115,8 @@ class _ProgressLines:
     """Lines of progress on standard error, one every `LINE_INTERVAL_S` seconds."""
 
     def __init__(self, unit: str, after_s: float) -> None:
-        self.unit, self.after_s = unit, after_s
+        self.unit = unit
+        self.after_s = after_s
         self.start = time.monotonic()
         self.last_line = -math.inf
 
@@ -149,7 +151,8 @@ class SolveCounter:
     """
 
     def __init__(self, progress: Progress, expected: int) -> None:
-        self.progress, self.expected = progress, expected
+        self.progress = progress
+        self.expected = expected
         self.done = 0
 
     def __call__(self) -> None:
@@ -172,7 +175,8 @@ class TaskRunner:
     """
 
     def __init__(self, processes: int | None = None, progress: Progress = ignore_progress) -> None:
-        self.processes, self.progress = processes, progress
+        self.processes = processes
+        self.progress = progress
         self.seconds: dict[str, list[float]] = {}  #: Durations of finished tasks, by function name.
 
     def run(self, tasks: Sequence[tuple[Any, ...]]) -> Iterator[Any]:

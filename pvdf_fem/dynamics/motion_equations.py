@@ -287,7 +287,8 @@ def _assemble_elastic_stiffness(equilibrium: Equilibrium, state: State) -> Any:
     state : State
         State at equilibrium, with the stress.
     """
-    space, membrane = equilibrium.space, equilibrium.membrane
+    space = equilibrium.space
+    membrane = equilibrium.membrane
     film_terms = [term for term in equilibrium.terms if not isinstance(term, LoadTerm)]
     film = equilibrium.with_terms(film_terms)
     # Membrane tension times quadrature weights. Its components 11, 22, 12 become a matrix of the

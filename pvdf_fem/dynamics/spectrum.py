@@ -186,7 +186,8 @@ def assemble_pencil(equilibrium: Equilibrium, q: Array) -> Pencil:
     q : ndarray, shape (unknowns,)
         Unknowns at equilibrium.
     """
-    film, space = equilibrium.film, equilibrium.space
+    film = equilibrium.film
+    space = equilibrium.space
     unit_mass = space.mass_matrices()
     element_masses = film.density * film.thickness * unit_mass
     for name, layer in film.layers.items():

@@ -136,7 +136,8 @@ class Handler(BaseHTTPRequestHandler):
     disable_nagle_algorithm = True  # else answers would wait for the browser's acknowledgement
 
     def __init__(self, start: Scene, name: str, *connection: Any) -> None:
-        self.start, self.name = start, name
+        self.start = start
+        self.name = name
         super().__init__(*connection)
 
     def do_GET(self) -> None:

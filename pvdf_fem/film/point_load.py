@@ -148,7 +148,8 @@ def estimate_point_force(film: Film, deflection: float) -> float:
     The deflection is that of `estimate_point_deflection`. The bisection, between 1e-12 and 1e12 N,
     ends at a relative accuracy of 1 %, which is enough for an initial guess.
     """
-    low, high = 1e-12, 1e12
+    low = 1e-12
+    high = 1e12
     force = 1.0
     while high > 1.01 * low:
         force = float(np.sqrt(low * high))

@@ -178,7 +178,8 @@ class Problem(Result):
         flat, only a bending film can carry compression, and a tension field carries none.
         """
         unloaded = self._unloaded
-        film, model = unloaded.scene.film, unloaded.film
+        film = unloaded.scene.film
+        model = unloaded.film
         law = model.law
         stress = law.stress(np.zeros((1, 3)), law.compute_prestrain(film))[0, :2]
         carried = model.wrinkles or bool(stress.min() >= 0.0)

@@ -224,7 +224,7 @@ def _format_area(equilibrium: Equilibrium, is_inside: Mask) -> str:
 
 
 def _format_position(equilibrium: Equilibrium, values: Array) -> str:
-    """Format the position in mm of the largest value, in the scene's axes.
+    """Format the position of the largest value, in mm in the scene's axes.
 
     `values` are given at the quadrature points, shape (elements, points).
     """

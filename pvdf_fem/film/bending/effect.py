@@ -255,7 +255,8 @@ def _estimate_layer_change(scene: Scene, layer: Layer, press: _PressingLoad) -> 
     follow it. Beside the layer the strain κ e decreases with the square of the distance; it has
     opposite signs in two perpendicular directions.
     """
-    film, outline = scene.film, layer.patch.outline
+    film = scene.film
+    outline = layer.patch.outline
     D, A, e = _compute_laminate(film, layer)
     layer_radius = _compute_equivalent_radius(outline)
     r = film.radius

@@ -132,7 +132,8 @@ def make_bending_form(
     """
     if space.order < 2:
         raise ValueError(f"order = {space.order}: has no curvature; give 2 or 3")
-    mesh, dof_count = space.mesh, space.basis.N
+    mesh = space.mesh
+    dof_count = space.basis.N
     D = compute_plate_stiffness(film)
     bending = np.setdiff1d(np.arange(mesh.nelements), rigid_elements)
     curvature = _ShapeValues.at_points(space, space.basis.quadrature[0]).curvature

@@ -176,7 +176,8 @@ def estimate_contact_width(probe: LoadedProbe, film: Film, halvings: int = 60) -
     """
     tip = probe.tip
     force = estimate_load_force(probe.load, film)
-    low, high = 0.0, MAX_RELATIVE_DISTANCE * tip.radius
+    low = 0.0
+    high = MAX_RELATIVE_DISTANCE * tip.radius
     for _ in range(halvings):
         width = 0.5 * (low + high)
         length = tip.face_perimeter + 2.0 * np.pi * width

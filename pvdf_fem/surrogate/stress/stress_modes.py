@@ -73,7 +73,8 @@ class StressModes:
         components = np.stack([S11 + S22, (S11 - S22) / 2.0, S12], axis=3)
         stress = centre_grid.expand_by_symmetry(components / scale_by_force[:, None, None, None])
         # The shapes are (rotations, distances, angles, forces) and (components, ρ, θ).
-        snapshot_shape, field_shape = stress.shape[:4], stress.shape[4:]
+        snapshot_shape = stress.shape[:4]
+        field_shape = stress.shape[4:]
         snapshots = stress.reshape(int(np.prod(snapshot_shape)), -1)
         # The eigenvalues, in ascending order, are the squares of the norms of the modes.
         energies, vectors = np.linalg.eigh(snapshots @ snapshots.T)
