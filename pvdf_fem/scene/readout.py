@@ -235,7 +235,9 @@ class Readout(Section):
             offset = self.get_value("offset_V", name)
             if low <= offset <= high:
                 continue
-            key = f"readout.range_V.{name}" if isinstance(self.range_V, ByName) else "readout.range_V"
+            key = (
+                f"readout.range_V.{name}" if isinstance(self.range_V, ByName) else "readout.range_V"
+            )
             reason = f"does not contain the reading of the unloaded film, offset_V = {offset:g}"
             owner = "" if is_common else f" of {name}"
             advice = f"correct the range or offset_V{owner}"
