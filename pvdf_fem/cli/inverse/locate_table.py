@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -72,6 +72,7 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
     electrodes = [electrode.name for electrode in scene.electrode_list]
     counts = Counter[str]()
     mistakes = Counter[str]()
+    clipped = Counter[str]()
     with ExitStack() as stack:
         input_format = choose_format(source, options.json)
         columns, batches = read_rows(stack, source, input_format, electrodes)
@@ -84,14 +85,18 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
         progress = options.progress if target and line_count else False
         show = stack.enter_context(show_progress("rows", progress))
         for batch in batches:
+            locator.find_limits(batch)
             step = len(batch) if options.quick else CALIBRATED_ROWS
             for start in range(0, len(batch), step):
                 rows = locator.locate(batch[start : start + step])
                 for row in rows:
                     counts[row["status"]] += 1
                     mistakes.update(_list_mistakes(row["remark"]))
+                    clipped.update((row["clipped"] or "").split())
                 write(rows)
                 show(counts.total(), max(line_count, counts.total()))
+    if clipped:
+        _print_clipped(clipped, locator.limits, request.unit)
     return _print_summary(counts, mistakes)
 
 
@@ -133,6 +138,21 @@ class _RowLocator:
         readings_pC = dict.fromkeys(self.electrodes, any_charge_pC)
         require_locatable({options.scene: scene}, request, readings_pC, self.known)
         self.response = load_or_build_response(scene, options.scene, request.response)
+        #: Lowest and highest readings at which channels have turned out to clip.
+        self.limits: dict[str, tuple[float, float]] = {}
+
+    def find_limits(self, rows: Sequence[Row]) -> None:
+        """Find the readings at which channels clip, though the scene has no ``readout.range_V``."""
+        from pvdf_fem.electrodes.channel import make_channels
+        from pvdf_fem.inverse.clipping import find_plateaus
+
+        channels = [each for each in make_channels(self.scene) if each.name in self.electrodes]
+        columns = [_read_column(rows, channel.name) for channel in channels]
+        found = find_plateaus(np.stack(columns, axis=1), channels, self.request.unit)
+        pairs = zip(found.low.tolist(), found.high.tolist(), strict=True)
+        for channel, (low, high) in zip(channels, pairs, strict=True):
+            known_low, known_high = self.limits.get(channel.name, (-np.inf, np.inf))
+            self.limits[channel.name] = (max(low, known_low), min(high, known_high))
 
     def locate(self, rows: Sequence[Row]) -> list[dict[str, Any]]:
         """Locate rows, and return for each row the cells of the output by column.
@@ -153,6 +173,7 @@ class _RowLocator:
             noise_pC=self.request.noise_pC(self.scene),
             reading=self.request.reading,
             unit=self.request.unit,
+            limits=self.limits,
             calibrated=not self.is_quick,
             **known,
         ).to_table()
@@ -199,6 +220,30 @@ def _count_lines(source: Path | None) -> int:
         return 0
     with source.open("rb") as file:
         return sum(1 for _ in file)
+
+
+def _print_clipped(
+    clipped: Counter[str], limits: Mapping[str, tuple[float, float]], unit: str
+) -> None:
+    """Print on standard error which channels are clipped, where, and what to do.
+
+    Parameters
+    ----------
+    clipped : Counter of str
+        Number of clipped readings by electrode.
+    limits : mapping of str to tuple of float
+        Lowest and highest readings at which channels have turned out to clip; infinite for none.
+    unit : str
+        Unit of the limits.
+    """
+    from pvdf_fem.inverse.touch.touch import CLIPPED_ADVICE
+
+    parts = []
+    for name, count in sorted(clipped.items()):
+        ends = [f"{end:.6g} {unit}" for end in limits.get(name, ()) if np.isfinite(end)]
+        place = f" at {' and '.join(ends)}" if ends else ""
+        parts.append(f"{name}{place} in {count} {'row' if count == 1 else 'rows'}")
+    print(f"clipped: {', '.join(parts)}; {CLIPPED_ADVICE}", file=sys.stderr)
 
 
 def _print_summary(counts: Counter[str], mistakes: Counter[str]) -> int:

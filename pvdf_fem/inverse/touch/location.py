@@ -86,7 +86,7 @@ class Location(Result):
     @property
     def clipped(self) -> tuple[str, ...]:
         """Names of the electrodes whose readings are clipped: limits instead of values."""
-        (indices,) = np.nonzero(self.problem.is_limit[0])
+        (indices,) = np.nonzero(self.problem.is_clipped[0])
         names = self.problem.response.names
         return tuple(names[electrode] for electrode in self.problem.electrodes[indices])
 
