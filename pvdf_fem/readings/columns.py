@@ -156,15 +156,17 @@ def find_column(columns: Sequence[Column], name: str, quantities: Collection[str
     base = wanted.name if wanted.unit and wanted.unit.quantity in quantities else name
     has_base = base != name  # the column x of x_mm needs a unit
     named = [i for i, column in enumerate(columns) if _has_name(column, name, base)]
-    measured = []
-    others = []
+    measured: list[int] = []
+    others: list[int] = []
     for index in named:
         unit = columns[index].unit
         is_headed = columns[index].heading.casefold() == name.casefold()
-        if unit is not None:
-            (measured if unit.quantity in quantities else others).append(index)
-        elif is_headed or not has_base:
+        if unit is None and (is_headed or not has_base):
             measured.append(index)
+        elif unit is not None and unit.quantity in quantities:
+            measured.append(index)
+        elif unit is not None:
+            others.append(index)
     same_case = [index for index in measured if columns[index].name == base]
     for found in (same_case, measured, others):
         if len(found) > 1:

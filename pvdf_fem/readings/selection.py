@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from pvdf_fem.files import FileError
 from pvdf_fem.readings.columns import Column, find_column, parse_heading
@@ -68,7 +68,8 @@ class TimesOfUnknownKind:
         return time_s
 
 
-class ChosenColumn(NamedTuple):
+@dataclass(frozen=True)
+class ChosenColumn:
     """A column of a table that is read as numbers."""
 
     index: int  #: Of the column in the table.
@@ -222,7 +223,7 @@ def _find_time_column(columns: Sequence[Column]) -> int | None:
         if heading in headings:
             return headings.index(heading)
     for has_unit in (True, False):
-        by_name = {}
+        by_name: dict[str, int] = {}
         for index, column in enumerate(columns):
             if is_time_column(column) and (column.unit is not None) == has_unit:
                 by_name.setdefault(column.name.casefold(), index)

@@ -104,7 +104,7 @@ def _read_time_of_day(match: re.Match[str]) -> float:
     hours = int(match["hour"])
     if match["half"]:
         hours = hours % 12 + (12 if match["half"].lower() == "pm" else 0)
-    seconds = int(match["second"] or 0)
+    seconds = float(match["second"] or 0.0)
     if match["fraction"]:
         seconds += float(f"0.{match['fraction'][1:]}")
     offset_min = 0

@@ -118,7 +118,7 @@ class _RowLocator:
         self.is_quick = options.quick
         electrodes = [electrode.name for electrode in scene.electrode_list]
         readings, unit = choose_electrode_columns(table, electrodes, request.unit)
-        self.request = replace(request, unit=unit)
+        self.request = replace(request, unit=unit or request.unit)
         self.electrodes = list(readings)
         chosen = dict(readings)
         for name in KNOWN:

@@ -137,7 +137,7 @@ def run(options: argparse.Namespace) -> int:
             raise InputError(*errors)
         response = load_or_build_response(scene, options.scene, choice)
         with convert_value_errors():
-            tracker = Tracker(response, unknown=unknown, unit=unit)
+            tracker = Tracker(response, unknown=unknown, unit=unit or options.unit)
         numbers = NumberColumns(table, [times, *columns.values()])
         session = _Session(tracker, numbers, list(columns), options, stack)
         for batch in table.batches:

@@ -125,7 +125,7 @@ class HeaderSearch:
     def __init__(self, name: str, is_wanted: IsWanted) -> None:
         self.name = name
         self.is_wanted = is_wanted
-        self.separators = SEPARATORS
+        self.separators: tuple[str, ...] = SEPARATORS
         self.lines: list[str] = []
         self.candidates: list[_Candidate] = []
         self.rows_without_header = 0
@@ -145,9 +145,9 @@ class HeaderSearch:
                     return self._make_header(candidate, separator)
             if self._is_row_of_numbers(line):
                 self.rows_without_header += 1
-        candidate = self._make_candidate(line)
-        if candidate is not None:
-            self.candidates.append(candidate)
+        possible_header = self._make_candidate(line)
+        if possible_header is not None:
+            self.candidates.append(possible_header)
         waits = self.candidates or self.rows_without_header < ROWS_WITHOUT_HEADER
         return None if waits and len(self.lines) < MAX_PREAMBLE else self.finish()
 
