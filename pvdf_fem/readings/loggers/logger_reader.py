@@ -97,6 +97,8 @@ class LoggerReader(ABC):
         self.stack = stack
         #: Sentences about anything in the file that its user should know.
         self.notes: list[str] = []
+        #: The time from which the times of `find_time_channel` are counted, if the file has it.
+        self.start: datetime | None = None
 
     @classmethod
     @abstractmethod

@@ -79,8 +79,4 @@ class ParquetReader(LoggerReader):
     def _is_numeric(self, kind: object) -> bool:
         """Return whether a type of Arrow is a number."""
         types = self.types
-        return bool(
-            types.is_integer(kind)
-            or types.is_floating(kind)
-            or types.is_decimal(kind)
-        )
+        return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from pvdf_fem.readings.loggers.named_arrays import NamedArray, NamedArrayReader
+from pvdf_fem.readings.loggers.arrays.named_arrays import NamedArray, NamedArrayReader
 
 #: The signature of HDF5, which stands at the beginning or after a block of 512, 1024, ... bytes.
 SIGNATURE = b"\x89HDF\r\n\x1a\n"

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pvdf_fem.readings.loggers.named_arrays import NamedArray, NamedArrayReader
+from pvdf_fem.readings.loggers.arrays.named_arrays import NamedArray, NamedArrayReader
 
 
 class MatlabReader(NamedArrayReader):

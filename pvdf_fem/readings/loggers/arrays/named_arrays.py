@@ -18,8 +18,19 @@ from pvdf_fem.readings.loggers.logger_reader import (
 )
 
 #: Names of numbers that are a sampling rate in Hz, and of those that are an interval in s.
-RATE_NAMES = ("rate_hz", "fs", "fs_hz", "rate", "sampling_rate", "sample_rate", "samplerate",
-              "sampling_rate_hz", "sample_rate_hz", "sampling_frequency", "samplingrate")
+RATE_NAMES = (
+    "rate_hz",
+    "fs",
+    "fs_hz",
+    "rate",
+    "sampling_rate",
+    "sample_rate",
+    "samplerate",
+    "sampling_rate_hz",
+    "sample_rate_hz",
+    "sampling_frequency",
+    "samplingrate",
+)
 INTERVAL_NAMES = ("dt", "dt_s", "delta_t", "interval_s", "sampling_interval", "wf_increment")
 #: Names of attributes that have a unit.
 UNIT_NAMES = ("unit", "units", "unit_string")
