@@ -161,9 +161,9 @@ def find_column(columns: Sequence[Column], name: str, quantities: Collection[str
     for index in named:
         unit = columns[index].unit
         is_headed = columns[index].heading.casefold() == name.casefold()
-        if unit is None and (is_headed or not has_base):
-            measured.append(index)
-        elif unit is not None and unit.quantity in quantities:
+        if (unit is None and (is_headed or not has_base)) or (
+            unit is not None and unit.quantity in quantities
+        ):
             measured.append(index)
         elif unit is not None:
             others.append(index)
