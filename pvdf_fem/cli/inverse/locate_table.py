@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -310,7 +310,7 @@ def _name_copied_columns(table: Table, used: Sequence[int]) -> dict[str, int]:
     return copied
 
 
-def _make_malformed_row_cells(columns: dict[str, Any], reason: str) -> dict[str, Any]:
+def _make_malformed_row_cells(columns: Iterable[str], reason: str) -> dict[str, Any]:
     """Return the cells for a malformed row: a status, the reason as remark, and None otherwise."""
     from pvdf_fem.inverse.touch.touch import TouchStatus
 
