@@ -144,7 +144,7 @@ class Modes(Result):
         return draw_mode_shapes(shapes, basis, self.scene.film.radius_mm, title)
 
     def summary(self) -> Summary:
-        """Return the status, tables of the modes or the reason why there are none, and notes."""
+        """Summarize the modes in tables, or give the reason why there are none."""
         notes = [f"neglected: {text}" for text in self.neglected]
         if self.status is not Status.CONVERGED:
             return Summary(self.status, [self.reason], notes=notes)
