@@ -66,7 +66,7 @@ def make_records(scenes: Sequence[Scene], frames: Array) -> list[Record]:
 
 
 def _remove_electrodes(problem: Problem) -> Scene:
-    """Return a copy of the scene without electrodes, whose film bends if the problem's film does."""
+    """Return a copy of the scene without electrodes; it bends if the problem's film bends."""
     film = problem.scene.film.model_copy(update={"bending": problem.film.bends})
     return problem.scene.model_copy(update={"electrodes": (), "film": film})
 

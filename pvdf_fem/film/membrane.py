@@ -331,7 +331,7 @@ class Membrane(Laminate, Term):
 
     @cached_property
     def _laplace_matrices(self) -> Array:
-        """Element matrices of the integral of grad v : grad u, cached for `_compute_damping_matrices`."""
+        """Element matrices of the integral of grad v : grad u, which do not depend on the state."""
         return self.space.laplace_matrices()
 
     def _compute_damping_matrices(self, state: State) -> Array:

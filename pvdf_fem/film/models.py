@@ -219,7 +219,7 @@ class FilmModel:
         return "film.bending = true"
 
     def find_compression(self, smallest: Array, largest: Array) -> Iterator[CompressedArea]:
-        """Yield the compressed part of the film, or the wrinkled and slack parts of a tension field.
+        """Yield the compressed part of a film, or the wrinkled and slack parts of a tension field.
 
         Parameters
         ----------

@@ -242,7 +242,7 @@ class LocationProblem:
         return coordinates
 
     def compute_differences(self, coordinates: Array, others: Array) -> Array:
-        """Compute differences of coordinates or touches, the shortest ones for rotations.
+        """Compute differences of coordinates or touches, wrapped for rotations.
 
         Parameters
         ----------
@@ -424,7 +424,7 @@ class LocationProblem:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Number of charges less number of free quantities; may be negative."""
+        """Number of charges minus number of free quantities; may be negative."""
         return len(self.electrodes) - len(self.unknown)
 
     @property
