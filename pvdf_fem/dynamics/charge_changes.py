@@ -108,7 +108,7 @@ def describe_neglected_effects(solution: Solution) -> tuple[str, ...]:
         effects.append(describe_missing_air(scene))
     if scene.film.loss_tangent is None:
         effects.append(
-            "damping by the film: resonant amplitudes are too large; to include it give"
+            "damping by the film: resonant amplitudes are too large; to include it, set"
             " film.loss_tangent"
         )
     if scene.air is not None and not scene.air.baffle:

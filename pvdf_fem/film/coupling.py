@@ -271,5 +271,5 @@ def describe_coupling(scene: Scene) -> Iterator[EffectNote]:
     text = f"coupling (film.coupling = {quote(scene.film.coupling)}): {size}; {reason}"
     is_included = bool(find_coupled_electrodes(scene))
     if not is_included:
-        text += "; to include it give film.coupling = true"
+        text += "; to include it, set film.coupling = true"
     yield EffectNote(is_included, text)

@@ -56,5 +56,5 @@ def describe_charge_effect(
         size += f", {percent} % of its charge"
     if coefficient is not None:
         return EffectNote(True, f"{effect} ({key} = {coefficient:g}): {size}")
-    text = f"{effect}: {size}, for a typical {key} = {typical:g}; to include it give {key}"
+    text = f"{effect}: {size}, for a typical {key} = {typical:g}; to include it, set {key}"
     return EffectNote(False, text)

@@ -191,7 +191,7 @@ class FilmModel:
         """Note that bending is included or neglected, with an estimate of its effect."""
         text = f"bending (film.bending = {quote(self.scene.film.bending)}): {self.bending_effect}"
         if not self.bends:
-            text += f"; to include it give {self._bending_advice}"
+            text += f"; to include it, use {self._bending_advice}"
         return EffectNote(self.bends, text)
 
     @property
@@ -205,7 +205,7 @@ class FilmModel:
             return ()
         percent = format_two_digits(100.0 * change)
         text = f"bending: neglected; it could change a charge by up to {percent} %"
-        return (f"{text}; give {self._bending_advice}",)
+        return (f"{text}; to include it, use {self._bending_advice}",)
 
     @property
     def _bending_advice(self) -> str:

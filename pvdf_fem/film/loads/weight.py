@@ -70,5 +70,5 @@ def describe_weight(scene: Scene) -> Iterator[EffectNote]:
         bounded = min(change, 1.0)  # the estimate holds for small changes only
         percent = format_two_digits(100.0 * bounded)
         size = f"could change a charge by up to {percent} %"
-        text = f"weight: {size}; to include it give film.gravity_m_s2, along z"
+        text = f"weight: {size}; to include it, set film.gravity_m_s2 (along z)"
         yield EffectNote(False, text)
