@@ -125,9 +125,7 @@ class Membrane(Laminate, Term):
         flux = self._compute_piola(step, state.stress) + self._compute_piola(F, stress_rate)
         forces = self.space.integrate_flux(flux)
         if self.law.wrinkles:
-            forces += apply_matrix(
-                self._compute_damping_matrices(state), x[self.space.element_dofs]
-            )
+            forces += apply_matrix(self._compute_damping(state), x[self.space.element_dofs])
         return forces
 
     def diagonal(self, state: State) -> Array:
@@ -160,7 +158,7 @@ class Membrane(Laminate, Term):
         diagonal = np.matmul(squares.swapaxes(1, 2), factors.reshape(elements, 3 * points, 3))
         diagonal = diagonal.reshape(elements, -1)
         if self.law.wrinkles:
-            diagonal += np.einsum("eii->ei", self._compute_damping_matrices(state))
+            diagonal += np.einsum("eii->ei", self._compute_damping(state))
         return diagonal
 
     def element_tangent(self, state: State) -> ElementMatrices:
@@ -196,7 +194,7 @@ class Membrane(Laminate, Term):
                 blocks[chunk, :, i, :, j] = products[:, :, k]
                 blocks[chunk, :, j, :, i] = products[:, :, k].swapaxes(1, 2)
         matrices = blocks.reshape(count, 3 * functions, 3 * functions)
-        return matrices + self._compute_damping_matrices(state) if self.law.wrinkles else matrices
+        return matrices + self._compute_damping(state) if self.law.wrinkles else matrices
 
     def _multiply_tangents(self, state: State, stiffness: Array, chunk: slice) -> Array:
         """Compute the tangents of a chunk of elements, block by block of displacement components.
@@ -334,7 +332,7 @@ class Membrane(Laminate, Term):
         """Element matrices of the integral of grad v : grad u, which do not depend on the state."""
         return self.space.laplace_matrices()
 
-    def _compute_damping_matrices(self, state: State) -> Array:
+    def _compute_damping(self, state: State) -> Array:
         """Return the element tangents of the artificial tension.
 
         Returns
@@ -445,8 +443,7 @@ def compute_tensile_part(stress: Array) -> Array:
     ndarray, shape (..., 3)
     """
     smaller, larger = compute_principal_values(stress)
-    smallest = smaller[..., None]
-    largest = larger[..., None]
+    smallest, largest = smaller[..., None], larger[..., None]
     # if both are equal, the projector is multiplied by zero or not used; avoid dividing by zero
     difference = np.where(largest > smallest, largest - smallest, 1.0)
     projector = (stress - smallest * np.array([1.0, 1.0, 0.0])) / difference

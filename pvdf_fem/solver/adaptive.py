@@ -37,8 +37,8 @@ from pvdf_fem.solver.acceptance import (
     estimate_wrinkling_changes,
     find_rejection_status,
     is_tip_at_rim,
-    list_warnings,
     list_cancellation_warnings,
+    list_warnings,
 )
 from pvdf_fem.solver.adaptive_loop import AdaptiveLoop, TooManyUnknownsError
 from pvdf_fem.solver.discrete_solution import DiscreteSolution

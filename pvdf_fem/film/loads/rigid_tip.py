@@ -298,15 +298,13 @@ class RigidTip(ProbeLoad):
     def element_tangent(self, state: State) -> ElementMatrices:
         """Return the derivative of `residual` at constant depth in N/m, for touching elements."""
         elements, weighted = self._select_tractions(state)
-        stiffness = self._compute_fixed_depth_stiffness(state, elements, weighted)
+        stiffness = self._compute_film_stiffness(state, elements, weighted)
         values = self.space.values[elements]
         local = np.einsum("epa,epij,epb->eaibj", values, stiffness, values, optimize=True)
         dofs = 3 * values.shape[2]
         return ElementMatrices(elements, local.reshape(len(elements), dofs, dofs))
 
-    def _compute_fixed_depth_stiffness(
-        self, state: State, elements: Indices, weighted: Array
-    ) -> Array:
+    def _compute_film_stiffness(self, state: State, elements: Indices, weighted: Array) -> Array:
         """Differentiate the tip's residual with respect to the displacement at constant depth.
 
         Parameters
@@ -375,7 +373,7 @@ class RigidTip(ProbeLoad):
         elements, weighted = self._select_tractions(state)
         values = self.space.values[elements]
         displacement = np.matmul(values, x.reshape(-1, 3)[self.space.nodes[elements]])
-        stiffness = self._compute_fixed_depth_stiffness(state, elements, weighted)
+        stiffness = self._compute_film_stiffness(state, elements, weighted)
         rates = np.matmul(stiffness, displacement[..., None])[..., 0]
         actions[elements] = np.matmul(values.swapaxes(1, 2), rates).reshape(len(elements), -1)
         return actions
@@ -393,9 +391,7 @@ class RigidTip(ProbeLoad):
     def diagonal(self, state: State) -> Array:
         """Return the diagonal of the tangent in N/m, including the entry of an unknown depth."""
         elements, weighted = self._select_tractions(state)
-        stiffness = np.einsum(
-            "epii->epi", self._compute_fixed_depth_stiffness(state, elements, weighted)
-        )
+        stiffness = np.einsum("epii->epi", self._compute_film_stiffness(state, elements, weighted))
         values = self.space.values[elements]
         diagonal = self.space.sum_at_dofs(
             np.matmul(values.swapaxes(1, 2) ** 2, stiffness), elements
