@@ -95,7 +95,7 @@ def locate(
     Returns
     -------
     Location
-        The touches, the most likely one first, with uncertainties, a status and remarks.
+        The touches, the most likely one first, with uncertainties, a status and notes.
 
     Raises
     ------

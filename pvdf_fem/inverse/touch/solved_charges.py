@@ -14,7 +14,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.inverse.touch.location_problem import LONGEST_STEPS, POSITION, get_base_quantity
+from pvdf_fem.inverse.coordinates import LONGEST_STEPS, get_base_quantity
+from pvdf_fem.inverse.touch.location_problem import POSITION
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.changes import get_number, parse_key, to_plain_value
 from pvdf_fem.scene.placed.probe import HEAT_KEYS, ListedProbe

@@ -16,13 +16,14 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.loads.profiles import pin_profile_files
+from pvdf_fem.inverse.coordinates import get_base_quantity
 from pvdf_fem.inverse.least_squares import (
     SearchResult,
     concatenate_results,
     run_levenberg_marquardt,
 )
 from pvdf_fem.inverse.single_touches import SingleTouches, tabulate_single_touches
-from pvdf_fem.inverse.touch.location_problem import POSITION, LocationProblem, get_base_quantity
+from pvdf_fem.inverse.touch.location_problem import POSITION, LocationProblem
 from pvdf_fem.inverse.touch.search import LocateOptions, find_distinct_ends
 from pvdf_fem.inverse.touch.solved_charges import (
     UNSOLVED_PC,
@@ -178,11 +179,13 @@ def _fix_temperatures(problem: LocationProblem) -> Iterator[LocationProblem]:
     if len(unheated_columns) == len(problem.unknown):
         return
     for omitted in range(len(problem.electrodes)):
+        sides = problem.limit_sides
         yield replace(
             all_electrodes,
             electrodes=np.delete(problem.electrodes, omitted),
             charges_pC=np.delete(problem.charges_pC, omitted, axis=1),
             deviations_pC=np.delete(problem.deviations_pC, omitted, axis=1),
+            limit_sides=None if sides is None else np.delete(sides, omitted, axis=1),
         )
 
 
@@ -340,8 +343,10 @@ def _fit_superpositions(
     changes = []
     for table in tables:
         changes.append(table.charges_pC[:, electrodes] - unloaded)
-    whitened = np.concatenate(changes) / deviations
-    measured = (problem.charges_pC[0] - unloaded) / deviations
+    # Limits have no weight.
+    weights = np.where(problem.is_limit[0], 0.0, 1.0 / deviations)
+    whitened = np.concatenate(changes) * weights
+    measured = (problem.charges_pC[0] - unloaded) * weights
     combinations_of_rows = _list_combinations(tables)
     products = whitened @ whitened.T
     right_sides = (whitened @ measured)[combinations_of_rows]
