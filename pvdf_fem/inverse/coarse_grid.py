@@ -74,8 +74,8 @@ class NodeSelection(NamedTuple):
     nodes: Indices  #: Indices of the nodes; shape (rows, count).
     #: Steps of the logarithm of the force from the node to the best force; shape (rows, count).
     force_steps: Array
-    #: Chi-square at the best force, divided by the largest weight 1/σ² of the row and less a
-    #: constant of the row, so that it ranks nodes of one row alone; shape (rows, count).
+    #: Chi-square at the best force, divided by the largest weight 1/σ² of the row and minus a
+    #: constant of the row, so that it can only be compared within a row; shape (rows, count).
     chi_square: Array
 
 
@@ -173,8 +173,8 @@ class CoarseGrid:
         Returns
         -------
         NodeSelection
-            Nodes of the m rows, in no order. If fewer than `count` positions are eligible, others
-            fill up the selection, with infinite chi-square.
+            Nodes of the m rows, in arbitrary order. If fewer than `count` positions are eligible,
+            the selection is completed by others with infinite chi-square.
         """
         fit = self._fit_forces(problem, rows, rotation, log_forces)
         by_force = fit.chi_square.reshape(len(rows), -1, self.position_count)

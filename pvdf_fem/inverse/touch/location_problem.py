@@ -168,7 +168,7 @@ class LocationProblem:
         return coordinates
 
     def compute_differences(self, coordinates: Array, others: Array) -> Array:
-        """Compute differences of coordinates or touches, the shortest ones for rotations.
+        """Compute differences of coordinates or touches, wrapped for rotations.
 
         Parameters
         ----------
@@ -369,7 +369,7 @@ class LocationProblem:
 
     @property
     def degrees_of_freedom(self) -> Indices:
-        """Number of values less number of free quantities of each row; may be negative."""
+        """Number of values minus number of free quantities for each row; may be negative."""
         return self.value_counts - len(self.unknown)
 
     @property

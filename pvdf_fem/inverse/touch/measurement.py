@@ -2,8 +2,8 @@
 
 A reading in nominal pC is a voltage times the nominal capacitance of the electrode's channel in the
 scene's readout. It equals gain · signal + offset with the channel's gain and offset. The signal is
-either the total charge (``total``), or the change of the charge by the touch (``change``), as read
-by an amplifier that was zeroed before the touch.
+either the total charge (``total``), or the change of the charge due to the touch (``change``), as
+read by an amplifier that was zeroed before the touch.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Measurement:
         reading: str | None,
         unit: str = "pC",
     ) -> Measurement:
-        """Describe how some of a response's electrodes are read, from arguments and the readout.
+        """Make the measurement of some electrodes from arguments and the scene's readout.
 
         Parameters
         ----------
@@ -255,7 +255,7 @@ def get_channel_values(scene: Scene) -> dict[str, ChannelValues]:
 
 
 def get_units_pC(scene: Scene, unit: str) -> dict[str, float]:
-    """Return by electrode how many nominal pC one unit of readings is: 1 for pC.
+    """Return the size of a unit of readings in nominal pC, by electrode; 1 for pC.
 
     An unknown unit counts as pC, so that it can be reported later with other mistakes.
     """

@@ -31,7 +31,7 @@ class Touches(TabularResult):
     reading: str  #: Meaning of the readings, a key of `READINGS`.
     unknown: tuple[str, ...]  #: Names of the free quantities.
     status: NDArray[np.object_]  #: `TouchStatus` of each row; shape (n,).
-    #: Covariances by the curvature of the likelihood, like `Touch.covariance`;
+    #: Covariances from the curvature of the likelihood, like `Touch.covariance`;
     #: shape (n, unknown, unknown).
     covariances: Array
     #: Standard deviations from `covariances`; or, if `locate_many` was called with `calibrated`,
@@ -133,7 +133,7 @@ class Touches(TabularResult):
         self.status[rows] = list(map(decide_status, explained, ambiguous, at_edge))
 
     def summary(self) -> Summary:
-        """Return the number of explained rows, and a table of touches, to print."""
+        """Summarize how many rows are explained, with a table of the touches."""
         explained = f"{int(self.explained.sum())} of {len(self.status)} rows are explained"
         return Summary("touches", [explained], [TextTable.from_columns(self.columns())])
 
