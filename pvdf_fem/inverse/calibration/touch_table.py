@@ -7,12 +7,13 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.files import read_csv_rows, read_text
+from pvdf_fem.inverse.clipping import CLIPPED_ADVICE, ReadingLimits
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import format_error, suggest
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TOUCH_SCENE_KEYS, TouchColumn
@@ -33,6 +34,15 @@ class TouchesError(ValueError):
         return "\n".join(self.args)
 
 
+class ClippedReading(NamedTuple):
+    """A reading at the end of the range of its channel, which is a limit of the true reading."""
+
+    row: int  #: Row number in the file below its heading, starting at 1.
+    electrode: str
+    limit: float  #: End of the range, in the unit of the readings.
+    side: int  #: 1 if the true reading is above the limit, -1 if it is below.
+
+
 @dataclass(frozen=True, eq=False)
 class TouchTable:
     """Touches at known positions, rotations and forces, with the readings of the channels."""
@@ -44,6 +54,8 @@ class TouchTable:
     #: Readings in V or nominal pC, NaN where missing, shape (touches, electrodes).
     readings: Array
     notes: tuple[str, ...] = ()  #: Sentences about rows and readings that are left out.
+    #: Readings that are missing in `readings`, since they are clipped.
+    clipped: tuple[ClippedReading, ...] = ()
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -71,6 +83,67 @@ class TouchTable:
     def select(self, indices: Sequence[int]) -> TouchTable:
         """Return a table of the touches with the given indices (not rows), without notes."""
         return TouchTable(self.rows[indices], self.probe_loads[indices], self.readings[indices])
+
+    def leave_out_clipped(
+        self, limits: ReadingLimits, electrodes: Sequence[str], unit: str
+    ) -> TouchTable:
+        """Return a table without clipped readings, and without touches that have no others.
+
+        Parameters
+        ----------
+        limits : ReadingLimits
+            Readings in `unit` at which the channels clip.
+        electrodes : sequence of str
+            Names of the electrodes in the order of the readings.
+        unit : str
+            Unit of the readings, for the notes.
+
+        Raises
+        ------
+        TouchesError
+            If all readings of an electrode are clipped, or less than two touches remain.
+        """
+        sides = limits.find_sides(self.readings)
+        if not sides.any():
+            return self
+        is_measured = np.isfinite(self.readings) & (sides == 0)
+        errors = []
+        for name, column in zip(electrodes, is_measured.T, strict=True):
+            if not column.any():
+                errors.append(f"column {name}: is clipped in every row; {CLIPPED_ADVICE}")
+        is_used = is_measured.any(axis=1)
+        if is_used.sum() < 2:
+            errors.append(f"touches: almost all readings are clipped; {CLIPPED_ADVICE}")
+        if errors:
+            raise TouchesError(*errors)
+        clipped = []
+        limited = limits.replace_clipped(self.readings, sides)
+        for index, column in np.argwhere(sides).tolist():
+            reading = ClippedReading(
+                row=int(self.rows[index]),
+                electrode=electrodes[column],
+                limit=float(limited[index, column]),
+                side=int(sides[index, column]),
+            )
+            clipped.append(reading)
+        return TouchTable(
+            self.rows[is_used],
+            self.probe_loads[is_used],
+            np.where(is_measured, self.readings, np.nan)[is_used],
+            notes=(*self.notes, *_describe_clipped(clipped, unit)),
+            clipped=tuple(clipped),
+        )
+
+
+def _describe_clipped(clipped: Sequence[ClippedReading], unit: str) -> Iterator[str]:
+    """Yield a note for each electrode with clipped readings, with their rows and limits."""
+    rows: dict[tuple[str, float], list[str]] = {}
+    for reading in clipped:
+        rows.setdefault((reading.electrode, reading.limit), []).append(str(reading.row))
+    for (electrode, limit), numbers in sorted(rows.items()):
+        place = f"row{'' if len(numbers) == 1 else 's'} {', '.join(numbers)}"
+        reason = f"{electrode} is clipped at {limit:.6g} {unit}"
+        yield f"{place}: {reason}; the reading is left out; {CLIPPED_ADVICE}"
 
 
 def read_touches(source: Any, scene: Scene) -> TouchTable:
@@ -234,7 +307,13 @@ def _find_value_errors(table: TouchTable, electrodes: Sequence[str]) -> Iterator
             yield f"column {name}: is empty; the channel is dead or not connected"
         elif np.ptp(measured) <= CONSTANT_RANGE * np.abs(measured).max():
             value = f"is {measured[0]:g} in every row"
-            yield f"column {name}: {value}; the channel is dead or not connected"
+            others = np.nan_to_num(table.readings[:, [other != name for other in electrodes]])
+            extremes = [*others.max(axis=0, initial=0.0), *others.min(axis=0, initial=0.0)]
+            if measured[0] and measured[0] in extremes:
+                reason = "which is also the extreme of another channel, and clipped there"
+                yield f"column {name}: {value}, {reason}; {CLIPPED_ADVICE}"
+            else:
+                yield f"column {name}: {value}; the channel is dead or not connected"
 
 
 def _find_load_errors(table: TouchTable, scene: Scene) -> Iterator[str]:
