@@ -43,7 +43,8 @@ class ReadingLimits(NamedTuple):
         Parameters
         ----------
         readings : ndarray, shape (..., channels)
-            Readings in the unit of the limits; NaN where missing.
+            Readings in the unit of the limits; NaN where missing, and infinite where an instrument
+            has marked them as beyond its range.
 
         Returns
         -------
@@ -55,6 +56,8 @@ class ReadingLimits(NamedTuple):
         width = self.high - self.low
         is_high = (readings >= self.high) & (readings <= self.high + width)
         is_low = (readings <= self.low) & (readings >= self.low - width)
+        is_high = (is_high | np.isposinf(readings)) & np.isfinite(self.high)
+        is_low = (is_low | np.isneginf(readings)) & np.isfinite(self.low)
         return is_high.astype(int) - is_low.astype(int)
 
     def replace_clipped(self, readings: Array, sides: Indices) -> Array:

@@ -140,7 +140,9 @@ class TouchStatus(StrEnum):
     CLIPPED = "clipped"
     #: No search converged: the charges fit no touch in the response's domain.
     NOT_FOUND = "no_touch_found"
-    NOT_FINITE = "not_finite"  #: A reading or a known quantity is NaN or infinite.
+    #: A known quantity is NaN or infinite, or so many readings are missing that the others are
+    #: fewer than unknown quantities.
+    NOT_FINITE = "not_finite"
     TOO_LARGE = "too_large"  #: A charge exceeds `MAX_READING_PC`.
     #: All charges are below `MIN_CHARGE_PC`, so that there is no touch; or one of them is, and has
     #: no standard deviation because its channel has no noise.
