@@ -126,10 +126,11 @@ def calibrate(
         errors.append("sigma = 0: readings have errors; give sigma or noise_pC")
     if errors:
         raise ValueError("\n".join(errors))
-    units_pC = list_units_pC(make_channels(scene))[unit]
-    noise = ReadingNoise(sigma, absolute=np.array(absolute_pC) / units_pC, place_mm=place_sd)
     parameters = select_parameters(scene, unknown, coerce("priors", priors or {}, dict[str, Any]))
     table = read_touches(touches, scene)
+    unit = table.unit or unit
+    units_pC = list_units_pC(make_channels(scene))[unit]
+    noise = ReadingNoise(sigma, absolute=np.array(absolute_pC) / units_pC, place_mm=place_sd)
     tolerance = max(options.tolerance_fraction * sigma, options.min_tolerance)
     tolerance = min(tolerance, options.max_tolerance)
     with show_progress("solves", progress) as show:
