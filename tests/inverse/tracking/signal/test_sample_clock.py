@@ -219,7 +219,9 @@ def test_a_short_stream_is_passed_on_at_its_end(count):
 # Jumps of the clock behind the stamps
 
 
-@pytest.mark.parametrize("period", [2**32 * 1e-6, 2**32 * 1e-3, 2**16 * 1e-3, 2**24 * 1e-6, 86400.0])
+@pytest.mark.parametrize(
+    "period", [2**32 * 1e-6, 2**32 * 1e-3, 2**16 * 1e-3, 2**24 * 1e-6, 86400.0]
+)
 @pytest.mark.parametrize("gap", [0, 100])
 def test_a_counter_that_wraps_is_unwrapped(period, gap):
     rows = np.arange(COUNT)
