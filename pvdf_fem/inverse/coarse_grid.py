@@ -223,10 +223,10 @@ class CoarseGrid:
         with the measured charges q and the weights w is a parabola with the minimum at
         t = Σ w D (q - Q) / Σ w D². The constant Σ w q² is left out.
         """
-        charges = problem.charges_pC[rows]
+        is_limit = problem.is_limit[rows]
+        charges = np.where(is_limit, 0.0, problem.charges_pC[rows])
         deviations = problem.deviations_pC[rows]
         unit = deviations.min(axis=1, keepdims=True)
-        is_limit = problem.is_limit[rows]
         weights = np.where(is_limit, 0.0, np.square(unit / deviations))
         factors = np.concatenate([weights, weights * charges], axis=1).astype(np.float32)
         chi_square = factors @ self.constant_terms[rotation]
@@ -247,7 +247,7 @@ class CoarseGrid:
         curvatures -= half_slopes
         curvatures *= steps
         chi_square += curvatures
-        for row in np.flatnonzero(is_limit.any(axis=1)).tolist():
+        for row in np.flatnonzero(problem.is_clipped[rows].any(axis=1)).tolist():
             excess = self._compute_limit_excess(problem, int(rows[row]), rotation, steps[row])
             chi_square[row] += np.square(unit[row]) * excess
         return _ForceFit(chi_square, steps)
@@ -273,7 +273,7 @@ class CoarseGrid:
         ndarray, shape (nodes,)
             Sum of the squared distances beyond the limits, in standard deviations.
         """
-        electrodes = np.flatnonzero(problem.is_limit[row])
+        electrodes = np.flatnonzero(problem.is_clipped[row])
         assert problem.limit_sides is not None
         charges = self.system[rotation][:, electrodes, 0]
         charges = charges + steps[:, None] * self.system[rotation][:, electrodes, FORCE_DERIVATIVE]

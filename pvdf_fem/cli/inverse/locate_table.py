@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -78,6 +78,7 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
     electrodes = [electrode.name for electrode in scene.electrode_list]
     counts = Counter[str]()
     mistakes = Counter[str]()
+    clipped = Counter[str]()
     with ExitStack() as stack:
         input_format = choose_format(source, options.json)
         table = open_readings(stack, source, input_format, electrodes, list(KNOWN))
@@ -90,15 +91,16 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
         progress = options.progress if target and line_count else False
         show = stack.enter_context(show_progress("rows", progress))
         for batch in table.batches:
-            step = len(batch) if options.quick else CALIBRATED_ROWS
-            for start in range(0, len(batch), step):
-                rows = locator.locate(batch[start : start + step])
+            for rows in locator.locate(batch):
                 for row in rows:
                     counts[row["status"]] += 1
                     mistakes.update(_list_mistakes(row["remark"]))
+                    clipped.update((row["clipped"] or "").split())
                 write(rows)
                 show(counts.total(), max(line_count, counts.total()))
     locator.report_cells()
+    if clipped:
+        _print_clipped(clipped, locator.limits, locator.request.unit)
     return _print_summary(counts, mistakes)
 
 
@@ -143,19 +145,56 @@ class _RowLocator:
         readings_pC = dict.fromkeys(self.electrodes, any_charge_pC)
         require_locatable({options.scene: scene}, self.request, readings_pC, self.known)
         self.response = load_or_build_response(scene, options.scene, request.response)
+        #: Lowest and highest readings at which channels have turned out to clip.
+        self.limits: dict[str, tuple[float, float]] = {}
 
-    def locate(self, rows: Sequence[Row]) -> list[dict[str, Any]]:
-        """Locate rows, and return for each row the cells of the output by column.
+    def locate(self, rows: Sequence[Row]) -> Iterator[list[dict[str, Any]]]:
+        """Locate rows, and yield for some rows at a time the cells of the output by column.
 
         If a row cannot be read, the output has the reason as remark instead of a touch; its status
         is ``malformed`` if the row is, and ``not_finite`` if one of its cells is not a number.
         """
+        numbers, defects = self._read_numbers(rows)
+        self._find_limits(numbers)
+        step = len(rows) if self.is_quick else CALIBRATED_ROWS
+        for start in range(0, len(rows), step):
+            part = slice(start, start + step)
+            located = self._locate_numbers({name: numbers[name][part] for name in numbers})
+            yield self._make_cells(rows[part], defects[part], located)
+
+    def _find_limits(self, numbers: Mapping[str, Array]) -> None:
+        """Find the readings at which channels clip, though the scene has no ``readout.range_V``.
+
+        Parameters
+        ----------
+        numbers : mapping of str to ndarray, shape (rows,)
+            Readings by electrode; other quantities are ignored.
+        """
+        from pvdf_fem.electrodes.channel import make_channels
+        from pvdf_fem.inverse.clipping import find_plateaus
+
+        channels = [each for each in make_channels(self.scene) if each.name in self.electrodes]
+        readings = np.stack([numbers[channel.name] for channel in channels], axis=1)
+        found = find_plateaus(readings, channels, self.request.unit)
+        pairs = zip(found.low.tolist(), found.high.tolist(), strict=True)
+        for channel, (low, high) in zip(channels, pairs, strict=True):
+            known_low, known_high = self.limits.get(channel.name, (-np.inf, np.inf))
+            self.limits[channel.name] = (max(low, known_low), min(high, known_high))
+
+    def _locate_numbers(self, numbers: Mapping[str, Array]) -> dict[str, list[Any]]:
+        """Locate touches, and return the columns of the output that describe them.
+
+        Parameters
+        ----------
+        numbers : mapping of str to ndarray, shape (rows,)
+            Readings by electrode, and known quantities.
+        """
         from pvdf_fem.inverse.touch.locate_many import locate_many
 
-        numbers, defects = self._read_numbers(rows)
         known: dict[str, Any] = {}
+        row_count = len(numbers[self.electrodes[0]])
         for name, value in self.known.items():
-            known[KNOWN[name]] = np.full(len(rows), value)
+            known[KNOWN[name]] = np.full(row_count, value)
         for name in self.known_columns:
             known[KNOWN[name]] = numbers[name]
         touches = locate_many(
@@ -165,10 +204,26 @@ class _RowLocator:
             noise_pC=self.request.noise_pC(self.scene),
             reading=self.request.reading,
             unit=self.request.unit,
+            limits=self.limits,
             calibrated=not self.is_quick,
             **known,
         ).to_table()
-        columns = {name: column.tolist() for name, column in touches.items()}
+        return {name: column.tolist() for name, column in touches.items()}
+
+    def _make_cells(
+        self, rows: Sequence[Row], defects: Sequence[str], columns: Mapping[str, list[Any]]
+    ) -> list[dict[str, Any]]:
+        """Make the cells of the output by column, for each of some rows.
+
+        Parameters
+        ----------
+        rows : sequence of Row
+            Rows of the table, from which columns are copied.
+        defects : sequence of str
+            Reason for each row that cannot be read, otherwise an empty text.
+        columns : mapping of str to list
+            Columns of the output that describe the touches.
+        """
         located = []
         for i, row in enumerate(rows):
             cells = dict.fromkeys(self.copied)
@@ -199,7 +254,7 @@ class _RowLocator:
         -------
         numbers : dict of str to ndarray, shape (rows,)
             Readings by electrode, and known quantities; NaN where missing or malformed. Readings
-            that are marked as beyond the range of an instrument are missing.
+            that are marked as beyond the range of an instrument are infinite.
         defects : list of str
             Reason for each row that cannot be read, otherwise an empty text.
         """
@@ -214,7 +269,6 @@ class _RowLocator:
                 if len(self.malformed) < MAX_MALFORMED:
                     self.malformed.append(defect)
             defects.append(defect)
-        values[np.isinf(values)] = np.nan
         return dict(zip(self.names, values.T, strict=True)), defects
 
 
@@ -256,7 +310,7 @@ def _name_copied_columns(table: Table, used: Sequence[int]) -> dict[str, int]:
     return copied
 
 
-def _make_malformed_row_cells(columns: dict[str, Any], reason: str) -> dict[str, Any]:
+def _make_malformed_row_cells(columns: Iterable[str], reason: str) -> dict[str, Any]:
     """Return the cells for a malformed row: a status, the reason as remark, and None otherwise."""
     from pvdf_fem.inverse.touch.touch import TouchStatus
 
@@ -274,6 +328,30 @@ def _count_lines(source: Path | None) -> int:
         return 0
     with source.open("rb") as file:
         return sum(1 for _ in file)
+
+
+def _print_clipped(
+    clipped: Counter[str], limits: Mapping[str, tuple[float, float]], unit: str
+) -> None:
+    """Print on standard error which channels are clipped, where, and what to do.
+
+    Parameters
+    ----------
+    clipped : Counter of str
+        Number of clipped readings by electrode.
+    limits : mapping of str to tuple of float
+        Lowest and highest readings at which channels have turned out to clip; infinite for none.
+    unit : str
+        Unit of the limits.
+    """
+    from pvdf_fem.inverse.clipping import CLIPPED_ADVICE
+
+    parts = []
+    for name, count in sorted(clipped.items()):
+        ends = [f"{end:.6g} {unit}" for end in limits.get(name, ()) if np.isfinite(end)]
+        place = f" at {' and '.join(ends)}" if ends else ""
+        parts.append(f"{name}{place} in {count} {'row' if count == 1 else 'rows'}")
+    print(f"clipped: {', '.join(parts)}; {CLIPPED_ADVICE}", file=sys.stderr)
 
 
 def _print_summary(counts: Counter[str], mistakes: Counter[str]) -> int:

@@ -95,7 +95,8 @@ class LocationProblem:
     reading: str = "total"  #: Meaning of the readings, a key of `READINGS`.
     #: 1 where the true charge is known to be above that in `charges_pC`, since the reading is
     #: clipped, -1 where it is known to be below, 0 where the charge is a value; shape
-    #: (rows, electrodes). None if all charges are values.
+    #: (rows, electrodes). None if all charges are values. A missing charge is known to be above
+    #: minus infinity.
     limit_sides: Indices | None = None
 
     @property
@@ -355,6 +356,11 @@ class LocationProblem:
         if self.limit_sides is None:
             return np.zeros(self.charges_pC.shape, dtype=bool)
         return np.asarray(self.limit_sides != 0)
+
+    @property
+    def is_clipped(self) -> Mask:
+        """Whether each charge is a limit since its reading is clipped; shape (rows, electrodes)."""
+        return np.asarray(self.is_limit & np.isfinite(self.charges_pC))
 
     @property
     def value_counts(self) -> Indices:

@@ -166,7 +166,7 @@ class Measurement:
         ----------
         readings_pC : ndarray, shape (n, electrodes)
             Readings in nominal pC (volts times the channel's nominal capacitance), one touch per
-            row.
+            row; NaN where missing.
         unknown : ndarray of int
             Columns of the free quantities, see `TouchColumn`.
         sides : ndarray of int, shape (n, electrodes), optional
@@ -177,7 +177,8 @@ class Measurement:
         -------
         LocationProblem
             The problem of total charges and their standard deviations, one row for each touch.
-            Charges with clipped readings are limits.
+            Charges with clipped readings are limits, and those without readings have limits at
+            minus infinity.
 
         Notes
         -----
@@ -188,11 +189,17 @@ class Measurement:
         if sides is None:
             sides = self.find_sides(readings_pC)
             readings_pC = self.limits_pC.replace_clipped(readings_pC, sides)
+        is_missing = ~np.isfinite(readings_pC) & (sides == 0)
+        readings_pC = np.where(is_missing, self.offsets_pC, readings_pC)
         charges = self.to_signals(readings_pC) + self.zero_pC
         response_error = self.response.error_bound / math.sqrt(3.0)
         variance = np.square(self.compute_noise(charges)) + np.square(response_error * charges)
         if self.reading == "change":
             variance += np.square(self.unloaded_errors_pC)
+        limit_sides = (sides * np.sign(self.gains)).astype(int)
+        charges[is_missing] = -np.inf
+        variance[is_missing] = 1.0
+        limit_sides[is_missing] = 1
         return LocationProblem(
             response=self.response,
             electrodes=self.electrodes,
@@ -201,7 +208,7 @@ class Measurement:
             unknown=unknown,
             stage=self.response.scene.stage or Stage(),
             reading=self.reading,
-            limit_sides=(sides * np.sign(self.gains)).astype(int) if sides.any() else None,
+            limit_sides=limit_sides if limit_sides.any() else None,
         )
 
     def list_alternatives(self) -> Iterator[AlternativeReading]:

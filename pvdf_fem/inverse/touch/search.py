@@ -120,7 +120,8 @@ def search_everywhere(
     coordinates = candidates.coordinates[0]
     chi_square = candidates.chi_square[0]
     residual_norm = np.sqrt(chi_square)
-    charge_norm = np.linalg.norm(problem.charges_pC / problem.deviations_pC)
+    values = (problem.charges_pC / problem.deviations_pC)[~problem.is_limit]
+    charge_norm = np.linalg.norm(values)
     allowance = options.max_excess**0.5 + options.neglected_fraction * charge_norm
     is_unlikely = residual_norm > residual_norm.min(axis=1, keepdims=True) + allowance
     coordinates = coordinates[~is_unlikely]

@@ -343,10 +343,11 @@ def _fit_superpositions(
     changes = []
     for table in tables:
         changes.append(table.charges_pC[:, electrodes] - unloaded)
-    # Limits have no weight.
-    weights = np.where(problem.is_limit[0], 0.0, 1.0 / deviations)
-    whitened = np.concatenate(changes) * weights
-    measured = (problem.charges_pC[0] - unloaded) * weights
+    whitened = np.concatenate(changes) / deviations
+    measured = (problem.charges_pC[0] - unloaded) / deviations
+    is_limit = problem.is_limit[0]  # limits have no weight
+    whitened[:, is_limit] = 0.0
+    measured[is_limit] = 0.0
     combinations_of_rows = _list_combinations(tables)
     products = whitened @ whitened.T
     right_sides = (whitened @ measured)[combinations_of_rows]
