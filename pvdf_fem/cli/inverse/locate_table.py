@@ -7,6 +7,7 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,7 @@ from pvdf_fem.cli.inverse.reading_table import (
     read_rows,
     to_plain,
 )
+from pvdf_fem.cli.inverse.unit_option import choose_unit
 from pvdf_fem.cli.output import find_output_errors
 from pvdf_fem.cli.program import ExitCode, InputError
 from pvdf_fem.cli.response_choice import load_or_build_response
@@ -84,6 +86,7 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
         progress = options.progress if target and line_count else False
         show = stack.enter_context(show_progress("rows", progress))
         for batch in batches:
+            locator.settle_unit(batch)
             step = len(batch) if options.quick else CALIBRATED_ROWS
             for start in range(0, len(batch), step):
                 rows = locator.locate(batch[start : start + step])
@@ -133,6 +136,41 @@ class _RowLocator:
         readings_pC = dict.fromkeys(self.electrodes, any_charge_pC)
         require_locatable({options.scene: scene}, request, readings_pC, self.known)
         self.response = load_or_build_response(scene, options.scene, request.response)
+        self._name = str(options.csv)
+        self._is_unit_settled = False
+
+    def settle_unit(self, rows: Sequence[Row]) -> None:
+        """Choose the unit of the readings, until a touch explains some of them.
+
+        Raises
+        ------
+        InputError
+            If the readings are not in the unit that was given.
+        """
+        if self._is_unit_settled:
+            return
+        readings = {name: _read_column(rows, name) for name in self.electrodes}
+        unit = choose_unit(
+            self.response,
+            readings,
+            self.request.unit,
+            self._name,
+            sigma=self.request.sigma,
+            noise=self.request.noise,
+            reading=self.request.reading,
+            known=self._collect_known(rows),
+        )
+        self.request = replace(self.request, unit=unit)
+
+    def _collect_known(self, rows: Sequence[Row]) -> dict[str, Array]:
+        """Collect the known quantities of some rows, by the arguments of `locate_many`."""
+        known = {}
+        for name, value in self.known.items():
+            if name in KNOWN:
+                known[KNOWN[name]] = np.full(len(rows), value)
+        for name in self.known_columns:
+            known[KNOWN[name]] = _read_column(rows, name)
+        return known
 
     def locate(self, rows: Sequence[Row]) -> list[dict[str, Any]]:
         """Locate rows, and return for each row the cells of the output by column.
@@ -141,11 +179,6 @@ class _RowLocator:
         """
         from pvdf_fem.inverse.touch.locate_many import locate_many
 
-        known: dict[str, Any] = {}
-        for name, value in self.known.items():
-            known[KNOWN[name]] = np.full(len(rows), value)
-        for name in self.known_columns:
-            known[KNOWN[name]] = _read_column(rows, name)
         touches = locate_many(
             self.response,
             {name: _read_column(rows, name) for name in self.electrodes},
@@ -154,9 +187,11 @@ class _RowLocator:
             reading=self.request.reading,
             unit=self.request.unit,
             calibrated=not self.is_quick,
-            **known,
-        ).to_table()
-        columns = {name: column.tolist() for name, column in touches.items()}
+            **self._collect_known(rows),
+        )
+        self._is_unit_settled |= bool(touches.explained.any())
+        table = touches.to_table()
+        columns = {name: column.tolist() for name, column in table.items()}
         located = []
         for i, row in enumerate(rows):
             cells = {name: row.cells.get(name) for name in self.copied}

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli.inverse.locate_request import UNKNOWN_HELP, parse_unknowns
 from pvdf_fem.cli.inverse.reading_table import Row, open_writer, parse_cell, read_rows, to_plain
+from pvdf_fem.cli.inverse.unit_option import add_unit_option, parse_unit_option
 from pvdf_fem.cli.options import add_scene_command, add_text_option, read_scene
 from pvdf_fem.cli.program import ExitCode, InputError, convert_value_errors
 from pvdf_fem.cli.response_choice import (
@@ -34,7 +35,8 @@ DOUBTFUL_STATUSES = ("too_strong", "unexplained")
 MISSING = {"", "nan", "NaN"}
 
 _DESCRIPTION = """\
-Follow touches in sampled readings of the scene's channels ([readout]): when they
+Follow touches in sampled readings of the scene's channels, in V if the scene has a
+[readout], and in pC if not, unless readout.unit or --unit says otherwise: when they
 begin and end, where they are (on the [stage]) and their force, with standard
 deviations. Charge that is lost through resistances is integrated and added again;
 offsets and slow drifts are followed while nothing touches.
@@ -80,9 +82,7 @@ def add_parser(commands: Any) -> None:
         json_help="print a JSON object for each row and touch",
     )
     parser.add_argument("signals", metavar="SIGNALS.csv", help="readings, or - for standard input")
-    parser.add_argument(
-        "--unit", choices=["V", "pC"], default="V", help="unit of the readings (default: V)"
-    )
+    add_unit_option(parser, is_tested=False)
     add_text_option(parser, "--unknown", "NAMES", about=UNKNOWN_HELP, default="x,y,force")
     add_response_options(parser)
 
@@ -97,6 +97,7 @@ def run(options: argparse.Namespace) -> int:
         errors.
     """
     scene = read_scene(options)
+    from pvdf_fem.electrodes.channel import find_unit_errors
     from pvdf_fem.inverse.tracking.tracker import Tracker
     from pvdf_fem.problem.problem import Problem
     from pvdf_fem.solver.adaptive import compute_unloaded_integrals
@@ -108,8 +109,8 @@ def run(options: argparse.Namespace) -> int:
         errors.append("--unknown: the force of a touch is always unknown; name it")
     if scene.single_probe is None:
         errors.append(f"{options.scene}: has no [probe]; add one")
-    if options.unit == "V" and scene.readout is None:
-        errors.append(f"--unit V: {options.scene} has no [readout]; add one, or give pC")
+    unit = parse_unit_option(options.unit)
+    errors += find_unit_errors(scene, unit, "--unit")
     if errors:
         raise InputError(*errors)
     # This raises an error if the film has no unloaded equilibrium, before a response is built.
@@ -125,7 +126,7 @@ def run(options: argparse.Namespace) -> int:
             raise InputError(*errors)
         response = load_or_build_response(scene, options.scene, choice)
         with convert_value_errors():
-            tracker = Tracker(response, unknown=unknown, unit=options.unit)
+            tracker = Tracker(response, unknown=unknown, unit=unit)
         session = _Session(tracker, name, options, stack)
         for batch in batches:
             for row in batch:
@@ -149,12 +150,14 @@ class _Session:
     def __init__(
         self, tracker: Tracker, name: str, options: argparse.Namespace, stack: ExitStack
     ) -> None:
+        from pvdf_fem.electrodes.channel import get_reading_unit
         from pvdf_fem.inverse.tracking.results import TrackRow
 
         self.tracker = tracker
         self.name = name  #: Of the table, for messages.
         self.as_json = options.json
-        self.unit_doubt = f"; are the readings in {options.unit}, as --unit says?"
+        unit = parse_unit_option(options.unit) or get_reading_unit(tracker.response.scene)
+        self.unit_doubt = f"; are the readings in {unit}? If not, give --unit"
         columns = [field.name for field in fields(TrackRow)]
         self.write = open_writer(stack, None, ".jsonl" if options.json else ".csv", columns)
         self.rows = 0

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.electrodes.channel import get_reading_unit
 from pvdf_fem.inverse.least_squares import SearchOptions, SearchResult, concatenate_results
 from pvdf_fem.inverse.touch.location import Location
 from pvdf_fem.inverse.touch.location_problem import LocationProblem
@@ -44,7 +45,7 @@ def locate_many(
     forces_N: ArrayLike | None = None,
     noise_pC: Deviations | None = None,
     reading: str | None = None,
-    unit: str = "pC",
+    unit: str | None = None,
     calibrated: bool = False,
 ) -> Touches:
     """Find the most likely touch for each of many rows of readings.
@@ -93,6 +94,8 @@ def locate_many(
     response = as_response(response)
     columns = _read_columns(response, readings)
     calibrated = coerce("calibrated", calibrated, bool)
+    if unit is None:
+        unit = get_reading_unit(response.scene)
     errors = list(
         find_reading_errors(
             response.scene,
