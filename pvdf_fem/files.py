@@ -281,12 +281,12 @@ def make_directory(path: Path, first: str, *inputs: Path) -> None:
     """
     for other in inputs:
         if is_same_file(path, other.parent):
-            raise FileError(f"{path}: holds {other.name}, which is read; give another directory")
+            raise FileError(f"{path}: contains the input file {other.name}; give another directory")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError(
-            f"{path}: cannot be made a directory ({error.strerror}); give another name"
+            f"{path}: cannot be created as a directory ({error.strerror}); give another name"
         ) from None
     require_writable(path / first)
 

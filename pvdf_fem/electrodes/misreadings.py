@@ -94,7 +94,7 @@ def _describe_order(names: Sequence[str], order: Sequence[int]) -> str:
 
 
 def list_unit_ratios(channels: Sequence[Channel], unit: str) -> Iterator[tuple[list[str], Array]]:
-    """Yield every size of units that differs from the size of the given unit.
+    """Yield the units whose size differs from that of a given unit, grouped by size.
 
     Yields
     ------
@@ -116,7 +116,10 @@ def list_unit_ratios(channels: Sequence[Channel], unit: str) -> Iterator[tuple[l
 
 
 def _list_wrong_channel_orders(count: int) -> Iterator[tuple[int, ...]]:
-    """Yield wrong orders of channels: all up to `MAX_PERMUTED` channels, else swaps of two."""
+    """Yield wrong orders of channels: all of them, or swaps of two if there are many channels.
+
+    The limit is `MAX_PERMUTED` channels.
+    """
     if count <= MAX_PERMUTED:
         orders = permutations(range(count))
         next(orders)  # skip the correct order

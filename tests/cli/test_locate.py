@@ -208,13 +208,13 @@ def test_each_row_gives_a_row(run):
 def test_bad_rows_have_a_status_and_change_no_other(run):
     good = table().splitlines()
     bad = {
-        "a,nan,1,1,1,0": "not_finite",
-        "b,,1,1,1,0": "not_finite",
-        "c,1_000,1,1,1,0": "not_finite",
+        "a,nan,nan,1,1,0": "not_finite",
+        "b,,1,,1,0": "not_finite",
+        "c,,1,1,,0": "not_finite",
         "d,1,1,1,1,north": "not_finite",
         "e,905,1,731,4,600,2,0": "malformed",
         'f,"1,1,1,1,0': "malformed",
-        "g,1e400,1,1,1,0": "not_finite",
+        "g,1e400,1e400,1,1,0": "not_finite",
         "\udcff,1,0,1,1,0": "zero_charge",
         "i": "malformed",
     }

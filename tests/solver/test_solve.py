@@ -48,13 +48,13 @@ def test_errors_at_a_rigid_probe_do_not_vanish_where_their_signs_cancel(monkeypa
     exact = charges(scene.with_(**{"numerics.tolerance": 1e-4}))
     mesh = solve(scene).mesh
     kept: list[np.ndarray] = []
-    integrate = mesh_level._integrate
+    integrate = mesh_level._evaluate_stress_integrals
 
     def repeat_first_integrals(*arguments):
         kept.append(integrate(*arguments))
         return kept[0].copy()
 
-    monkeypatch.setattr(mesh_level, "_integrate", repeat_first_integrals)
+    monkeypatch.setattr(mesh_level, "_evaluate_stress_integrals", repeat_first_integrals)
     solution = solve(scene, mesh=mesh)
     assert len(kept) == 2
     errors = np.abs(values(solution.charges_pC) - exact)

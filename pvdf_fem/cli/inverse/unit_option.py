@@ -45,6 +45,25 @@ def parse_unit_option(text: str | None) -> str | None:
     return text if unit is None else unit.symbol
 
 
+def require_valid_unit(scene: Scene, unit: str | None, name: str) -> None:
+    """Raise `InputError` if a table has readings in a unit of voltage, but the scene no readout.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of the sensor.
+    unit : str or None
+        Unit that the table states.
+    name : str
+        Name of the table, for the message.
+    """
+    from pvdf_fem.electrodes.channel import find_unit_errors
+
+    errors = list(find_unit_errors(scene, unit, f"{name}: readings in"))
+    if errors:
+        raise InputError(*errors)
+
+
 def settle_unit(scene: Scene, given: str | None, other: OtherUnit | None, name: str) -> str:
     """Return the unit of readings after the test whether they can be in it.
 

@@ -28,8 +28,8 @@ of each charge, and readings with noise: to train and to test estimators of touc
 Touches are uniformly distributed in position, rotation and the logarithm of the force,
 within the reach and the forces of the scene's [model].
 
-Readings are total charges or changes by the touch, with the gains, offsets and
-noise of the scene's [readout], in nominal pC. Places and rotations are in the frame
+Readings are total charges or changes due to the touch, with the gains, offsets and
+noise of the scene's [readout], in nominal pC. Positions and rotations are in the frame
 of its [stage]. The response is built and stored as for `locate`; after that,
 100,000 touches take a few seconds.
 

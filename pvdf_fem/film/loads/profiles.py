@@ -194,10 +194,10 @@ def make_profile(spec: LoadSpec) -> Profile:
 
 
 def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
-    """Replace the names of profile files in scenes by paths with digests: ``/p.csv#sha256=...``.
+    """Replace file names of profiles by absolute paths with digests: ``/p.csv#sha256=...``.
 
-    With the absolute path, processes in other working directories find the file; with the digest,
-    a process that reads a changed file raises an error. Each file is read once.
+    The absolute path lets processes with another working directory find the file. The digest lets
+    them raise an error if the file has changed. Each file is read once.
 
     Parameters
     ----------
@@ -207,8 +207,7 @@ def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
     Returns
     -------
     list of Scene
-        Copies with the new names, in the same order; a scene without a name to replace is returned
-        itself.
+        Copies with the new names, in the same order. Scenes without a profile file are not copied.
 
     Raises
     ------
@@ -232,9 +231,9 @@ def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
 
 
 def _read_profile(profile: str, max_bytes: int = 20_000_000) -> _ProfileFile:
-    """Read a profile file; if `profile` ends with a digest, check that the content has it.
+    """Read a profile file, and check its content against the digest in `profile`, if any.
 
-    Raises `SceneError` for a file that cannot be used or has another digest.
+    A `SceneError` is raised if the file cannot be used or has another digest.
     """
     name, _, wanted_digest = profile.partition(DIGEST_MARK)
     try:
@@ -252,9 +251,9 @@ def _read_profile(profile: str, max_bytes: int = 20_000_000) -> _ProfileFile:
 
 @lru_cache(maxsize=8)
 def _interpolate_table(name: str, content: bytes) -> GridFunction:
-    """Return a function that interpolates the table in a file's content, zero outside the grid.
+    """Return a function that interpolates the table in a file, and is zero outside the grid.
 
-    The content is netCDF if the file's name ends with .nc, and otherwise CSV.
+    `content` is read as netCDF if `name` ends with .nc, and otherwise as CSV.
     """
     from scipy.interpolate import RegularGridInterpolator  # slow to import
 

@@ -1,8 +1,8 @@
 """Readings of touches as a function of the parameters, linearised about a solve of each touch.
 
 The stress integrals X, Y of the electrodes are extrapolated linearly from the last solve of each
-touch; their derivatives come from adjoint solutions. So between solves the readings are an analytic
-function of parameters and positions, which is differentiated by complex steps.
+touch; their derivatives come from adjoint solutions. Between solves the readings are therefore an
+analytic function of parameters and positions, which is differentiated by complex steps.
 """
 
 from __future__ import annotations
@@ -74,6 +74,7 @@ class ReadingModel:
     )
 
     def __post_init__(self) -> None:
+        """Allocate the arrays of solves, all of which are still missing."""
         touches = len(self.table)
         electrodes = len(self.channels)
         keys = len(self.keys)

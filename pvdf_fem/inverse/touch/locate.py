@@ -79,9 +79,9 @@ def locate(
         Values of the other quantities in the frame of the scene's stage. By default those of the
         scene. Not allowed if `response` is a scene.
     reading : {"total", "change"}, optional
-        Meaning of the readings: total charges, or changes of the charge by the touch, as read by an
-        amplifier that was zeroed before the touch. By default that of the scene's readout, or total
-        charges without a readout.
+        Meaning of the readings: total charges, or changes of the charge due to the touch, as read
+        by an amplifier that was zeroed before the touch. By default that of the scene's readout, or
+        total charges without a readout.
     unit : str, optional
         Unit of the readings, of `READING_UNITS`. Default: ``readout.unit``, which is V unless the
         scene says otherwise, or pC without a readout. A reading in nominal pC is that in V times
@@ -97,7 +97,7 @@ def locate(
     Returns
     -------
     Location
-        The touches, the most likely one first, with uncertainties, a status and remarks.
+        The touches, the most likely one first, with uncertainties, a status and notes.
 
     Raises
     ------
@@ -356,7 +356,7 @@ class ProbeMatch:
     name: str  #: Name of the probe's response.
     #: Posterior probability that this probe touched, if all are equally likely a priori.
     weight: float
-    location: Location  #: The likely touches by this probe.
+    location: Location  #: The likely touches of this probe.
 
 
 def rank_probes(locations: Mapping[str, Location]) -> tuple[ProbeMatch, ...]:

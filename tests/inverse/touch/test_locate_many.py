@@ -11,7 +11,7 @@ from tests.helpers.bump_response import draw_uniform_touches, make_bump_response
 
 #: Rows that cannot be used, by their status.
 BAD_ROWS = {
-    "not_finite": [[np.nan, 1.0, 1.0, 1.0], [1.0, np.inf, 1.0, 1.0], [1.0, 1.0, None, 1.0]],
+    "not_finite": [[np.nan, 700.0, np.nan, 600.0], [1.0, np.inf, -np.inf, 1.0], [None] * 4],
     "too_large": [[1e13, 1.0, 1.0, 1.0], [1e300, 1.0, 1.0, -1e300], [1.7e308] * 4],
     "zero_charge": [[0.0, 0.0, 0.0, 0.0], [700.0, 0.0, 600.0, 500.0], [1e-300, 1.0, 1.0, 1.0]],
 }
@@ -86,7 +86,13 @@ def test_columns_in_any_order_give_the_same_touches_as_rows():
     assert found.values == pytest.approx(expected.values, abs=1e-3)
     columns["B"][3] = None
     found = locate_many(response, columns, rotations_deg=rotations)
-    assert np.flatnonzero(found.status != "located").tolist() == [3]
+    without = {name: [columns[name][3]] for name in "CAD"}
+    alone = locate_many(response, without, rotations_deg=rotations[3:4])
+    assert found.values[3] == pytest.approx(alone.values[0], abs=1e-3)
+    assert found.deviations[3] == pytest.approx(alone.deviations[0], rel=1e-3)
+    assert found.to_table()["remark"][3] == "no reading of B"
+    others = np.delete(np.arange(len(charges)), 3)
+    assert found.values[others] == pytest.approx(expected.values[others], abs=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ def test_readings_are_those_of_the_channels(reading, by_readout, unit):
         variance = np.square(0.01 * signals) + np.square(1e-4 * charges) / 3.0
         variance += np.square(channel_noise / GAINS)
         location = locate(response, by_name(readings), known=ROTATION, noise_pC=noise_pC, **options)
-        assert (location.status, location.reading, location.remarks) == ("located", reading, ())
+        assert (location.status, location.reading, location.notes) == ("located", reading, ())
         assert location.best.values == pytest.approx(TOUCH, abs=1e-4)
         assert location.problem.deviations_pC[0] == pytest.approx(np.sqrt(variance))
     touches = locate_many(response, readings[None], rotations_deg=[25.0], **options)
