@@ -6,12 +6,13 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 from pvdf_fem.files import FileError
 from pvdf_fem.readings.columns import Column, find_column, parse_heading
 from pvdf_fem.readings.table import Batches, Row, Table
-from pvdf_fem.readings.text.numbers import MAX_QUOTED, CellError, NumberReader
+from pvdf_fem.readings.text.numbers import CellError, NumberReader
 from pvdf_fem.readings.times import (
     TIME_NAMES,
     ClockTimes,
@@ -107,6 +108,15 @@ def choose_quantity(table: Table, name: str) -> ChosenColumn | None:
             f"{table.name}: column {column.heading}: is in {given.symbol}; give {unit.symbol}"
         )
     return ChosenColumn(index, column.heading, convert_factor(given, unit))
+
+
+def choose_column(table: Table, name: str) -> ChosenColumn | None:
+    """Return a column whose unit does not matter, by its name; None if the table has none.
+
+    A `FileError` is raised if several columns may be meant.
+    """
+    index = _find_column(table, name, [])
+    return None if index is None else ChosenColumn(index, table.columns[index].heading, factor=1.0)
 
 
 def choose_readings(
@@ -367,8 +377,8 @@ def _make_cell_reader(table: Table, column: ChosenColumn) -> tuple[int, Callable
             return times.read(str(cell))
         if type(cell) is str:
             return factor * read_number(cell)
-        if isinstance(cell, int | float) and not isinstance(cell, bool):
+        if isinstance(cell, Real) and not isinstance(cell, bool):
             return factor * float(cell)
-        raise CellError(f"{str(cell)[:MAX_QUOTED]} is not a number; correct it")
+        return factor * read_number(str(cell))
 
     return column.index, read_cell

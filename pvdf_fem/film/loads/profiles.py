@@ -20,8 +20,11 @@ import numpy as np
 import shapely
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.files import FileError, decode_text, read_bytes
+from pvdf_fem.files import FileError, read_bytes
 from pvdf_fem.film.loads.load_spec import LoadSpec, Pressure, format_function_name
+from pvdf_fem.readings.formats import parse_csv
+from pvdf_fem.readings.selection import NumberColumns, choose_column, choose_quantity
+from pvdf_fem.readings.text.header import make_name_test
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import average_over, rotate
 from pvdf_fem.scene.placed.probe import find_load_key
@@ -279,10 +282,15 @@ def _read_csv(name: str, content: bytes) -> _GridTable:
 
     Raises `ValueError` unless the rows have one finite pressure for every point of a grid.
     """
-    heading, *lines = decode_text(Path(name), content).splitlines()
-    columns = [column.strip() for column in heading.split(",")]
-    rows = np.array([line.split(",") for line in lines if line.strip()], dtype=float)
-    x, y, values = (rows[:, columns.index(key)] for key in ("x_mm", "y_mm", "pressure"))
+    table = parse_csv(content, name, make_name_test(["x_mm", "y_mm", "pressure"]))
+    columns = [choose_quantity(table, "x_mm"), choose_quantity(table, "y_mm")]
+    columns.append(choose_column(table, "pressure"))
+    chosen = [column for column in columns if column is not None]
+    if len(chosen) < len(columns):
+        raise ValueError("the columns x_mm, y_mm and pressure are not all there")
+    numbers = NumberColumns(table, chosen)
+    rows = [numbers.read(row) for batch in table.batches for row in batch]
+    x, y, values = np.array(rows).reshape(len(rows), len(chosen)).T
     grid_x, row_i = np.unique(x, return_inverse=True)
     grid_y, row_j = np.unique(y, return_inverse=True)
     pressure = np.full((len(grid_x), len(grid_y)), np.nan)

@@ -12,7 +12,8 @@ MAX_QUOTED = 40  #: Maximum number of characters of a cell that messages repeat.
 MISSING_WORDS = frozenset(
     (
         *("", "nan", "+nan", "-nan", "nan0", "1.#qnan", "1.#ind", "-1.#ind"),
-        *("na", "n/a", "n.a.", "n.v.", "null", "none", "missing", "invalid", "no data", "nodata"),
+        *("na", "<na>", "n/a", "n.a.", "n.v.", "null", "none", "missing", "invalid"),
+        *("no data", "nodata"),
         *("-", "--", "---", "----", "?", "error", "err", "fehler"),
         *("#n/a", "#na", "#nv", "#nan", "#div/0!", "#value!", "#wert!", "#num!", "#zahl!"),
         *("#null!", "#ref!", "#bezug!", "#name?"),
