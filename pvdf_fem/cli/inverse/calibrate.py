@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli.inverse.unit_option import add_unit_option, parse_unit_option
 from pvdf_fem.cli.options import (
+    add_noise_options,
     add_progress,
     add_scene_command,
     add_text_option,
+    parse_noise_options,
     parse_number,
-    parse_optional_number,
     read_scene,
 )
 from pvdf_fem.cli.output import find_output_errors
@@ -72,20 +73,7 @@ def add_parser(commands: Any) -> None:
         default="film.pretension_N_m,gains",
     )
     add_unit_option(parser, is_tested=True)
-    add_text_option(
-        parser,
-        "--sigma",
-        "FRACTION",
-        about="standard deviation of a reading, relative to it",
-        default="0.01",
-    )
-    add_text_option(
-        parser,
-        "--noise",
-        "VALUE",
-        about="additional standard deviation of every reading, in its unit (default: "
-        "readout.noise_V, or 0)",
-    )
+    add_noise_options(parser)
     add_text_option(
         parser,
         "--place-sd",
@@ -127,8 +115,7 @@ def run(options: argparse.Namespace) -> int:
     errors = find_output_errors(options.output, [".toml"], *inputs)
     errors += find_output_errors(options.page, [".html"], *inputs, options.output)
     scene = read_scene(options, *errors)
-    sigma = parse_number("--sigma", options.sigma, errors, allow_zero=True)
-    noise = parse_optional_number("--noise", options.noise, errors, allow_zero=True)
+    sigma, noise = parse_noise_options(options, errors)
     place_sd = parse_number("--place-sd", options.place_sd, errors, allow_zero=True)
     priors = _parse_priors(options.prior, errors)
     from pvdf_fem.electrodes.channel import find_unit_errors, get_reading_unit
