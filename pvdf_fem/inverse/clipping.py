@@ -16,6 +16,8 @@ import numpy as np
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.electrodes.channel import Channel, list_units_pC
 
+#: Advice about readings at the end of the range of their channel.
+CLIPPED_ADVICE = "press lighter, or widen the range of the channels (readout.range_V)"
 #: Readings count as clipped from this fraction of the way between offset and end of the range. The
 #: highest code of a bipolar 10-bit converter is 0.2 % of this way below the end.
 CODE_FRACTION = 0.998

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli.options import (
+    add_noise_options,
     add_progress,
     add_scene_command,
     add_text_option,
+    parse_noise_options,
     parse_number,
-    parse_optional_number,
     read_scene,
 )
 from pvdf_fem.cli.output import find_output_errors
@@ -71,20 +72,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--unit", choices=("pC", "V"), default="pC", help="unit of the readings (default: pC)"
     )
-    add_text_option(
-        parser,
-        "--sigma",
-        "FRACTION",
-        about="standard deviation of a reading, relative to it",
-        default="0.01",
-    )
-    add_text_option(
-        parser,
-        "--noise",
-        "VALUE",
-        about="additional standard deviation of every reading, in its unit (default: "
-        "readout.noise_V, or 0)",
-    )
+    add_noise_options(parser)
     add_text_option(
         parser,
         "--place-sd",
@@ -126,8 +114,7 @@ def run(options: argparse.Namespace) -> int:
     errors = find_output_errors(options.output, [".toml"], *inputs)
     errors += find_output_errors(options.page, [".html"], *inputs, options.output)
     scene = read_scene(options, *errors)
-    sigma = parse_number("--sigma", options.sigma, errors, allow_zero=True)
-    noise = parse_optional_number("--noise", options.noise, errors, allow_zero=True)
+    sigma, noise = parse_noise_options(options, errors)
     place_sd = parse_number("--place-sd", options.place_sd, errors, allow_zero=True)
     priors = _parse_priors(options.prior, errors)
     if errors:

@@ -8,7 +8,12 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli.inverse.locate_request import UNKNOWN_HELP, Request, require_locatable
-from pvdf_fem.cli.options import add_scene_command, add_text_option, read_scene
+from pvdf_fem.cli.options import (
+    add_noise_options,
+    add_scene_command,
+    add_text_option,
+    read_scene,
+)
 from pvdf_fem.cli.output import add_plot, save_plot
 from pvdf_fem.cli.program import ExitCode, InputError, convert_value_errors
 from pvdf_fem.cli.response_choice import add_response_options, load_or_build_response
@@ -121,20 +126,7 @@ def add_parser(commands: Any) -> None:
         about="file for the touches of a table, - for standard output",
         default="-",
     )
-    add_text_option(
-        parser,
-        "--sigma",
-        "FRACTION",
-        about="standard deviation of a charge or change, relative to it",
-        default="0.01",
-    )
-    add_text_option(
-        parser,
-        "--noise",
-        "VALUE",
-        about="additional standard deviation of every reading, in its unit (default: "
-        "readout.noise_V, or 0)",
-    )
+    add_noise_options(parser)
     add_text_option(parser, "--unknown", "NAMES", about=UNKNOWN_HELP, default="x,y,force")
     parser.add_argument(
         "--touches",

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pvdf_fem.cli.options import parse_number, parse_optional_number, read_number
+from pvdf_fem.cli.options import parse_noise_options, read_number
 from pvdf_fem.cli.output import find_plot_errors
 from pvdf_fem.cli.response_choice import ResponseChoice
 
@@ -79,8 +79,7 @@ class Request:
         elif options.changes is not None:
             reading = "change"
             readings = _parse_readings("--changes", options.changes, errors)
-        sigma = parse_number("--sigma", options.sigma, errors, allow_zero=True)
-        noise = parse_optional_number("--noise", options.noise, errors, allow_zero=True)
+        sigma, noise = parse_noise_options(options, errors)
         unknown = parse_unknowns(options.unknown, errors)
         if needs_solves(options.touches, unknown):
             errors += _find_options_of_responses(options)

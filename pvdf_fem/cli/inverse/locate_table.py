@@ -344,7 +344,7 @@ def _print_clipped(
     unit : str
         Unit of the limits.
     """
-    from pvdf_fem.inverse.touch.touch import CLIPPED_ADVICE
+    from pvdf_fem.inverse.clipping import CLIPPED_ADVICE
 
     parts = []
     for name, count in sorted(clipped.items()):

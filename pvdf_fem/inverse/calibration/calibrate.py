@@ -22,6 +22,7 @@ from pvdf_fem.inverse.calibration.options import DEFAULTS, CalibrateOptions
 from pvdf_fem.inverse.calibration.parameters import select_parameters
 from pvdf_fem.inverse.calibration.reading_model import ReadingModel
 from pvdf_fem.inverse.calibration.touch_table import read_touches
+from pvdf_fem.inverse.clipping import CLIPPED_ADVICE
 from pvdf_fem.progress import Progress, SolveCounter, show_progress
 from pvdf_fem.scene.arguments import Names, SceneLike, as_scene, coerce
 from pvdf_fem.scene.scene import Scene
@@ -137,12 +138,13 @@ def calibrate(
         model = ReadingModel(
             parameters, table, reading, unit, tolerance, options, count_solve=count_solve
         )
+        model = model.leave_out_clipped()
         diagnosis = fit_and_diagnose(model, noise)
     status, reason = _determine_status(diagnosis)
     return Calibration(
         status,
         reason,
-        notes=(*table.notes, *_list_notes(diagnosis)),
+        notes=(*model.table.notes, *_list_notes(diagnosis)),
         outliers=_list_rejection_reasons(diagnosis.fit, status),
         fit=diagnosis.fit,
     )
@@ -221,8 +223,12 @@ def _determine_status(diagnosis: Diagnosis) -> tuple[CalibrationStatus, str]:
     is_scattered = fit.scatter > options.max_scatter
     if count < parameters:
         readings = f"{count} touches ({fit.reading_counts[fit.is_used].sum()} readings)"
-        text = f"{readings} for {parameters} parameters; give more touches or fit fewer parameters"
-        return CalibrationStatus.TOO_FEW, text
+        text = f"{readings} for {parameters} parameters"
+        clipped = fit.model.table.clipped
+        if clipped:
+            text = f"{len(clipped)} readings are clipped, which leaves {text}; {CLIPPED_ADVICE}"
+            return CalibrationStatus.CLIPPED, text
+        return CalibrationStatus.TOO_FEW, f"{text}; give more touches or fit fewer parameters"
     if corrections:
         texts = [each.correction.text for each in corrections]
         return corrections[0].correction.status, "; or ".join(texts)
@@ -258,7 +264,8 @@ def _list_rejection_reasons(fit: CalibrationFit, status: CalibrationStatus) -> d
 def _list_notes(diagnosis: Diagnosis) -> Iterator[str]:
     """Yield notes on equal forces, parameters far from the scene's values and large residuals.
 
-    The last notes are the corrections that explain the touches better.
+    They are followed by notes on clipped readings that the fit contradicts. The last notes are the
+    corrections that explain the touches better.
     """
     fit = diagnosis.fit
     options = fit.model.options
@@ -275,6 +282,28 @@ def _list_notes(diagnosis: Diagnosis) -> Iterator[str]:
         )
         advice = "" if fit.noise.place_mm else "; if the positions are uncertain, give place_sd"
         yield text + advice
+    yield from _list_contradicted_limits(fit)
     for correction, better in diagnosis.corrections:
         values = f"{fit.chi_square:.3g} to {better.chi_square:.3g}"
         yield f"{correction.text}: with this correction chi-square falls from {values}"
+
+
+def _list_contradicted_limits(fit: CalibrationFit) -> Iterator[str]:
+    """Yield a note for each clipped reading whose prediction is clearly within its limit.
+
+    Nothing is yielded unless the fit has converged.
+    """
+    model = fit.model
+    rows = model.table.rows.tolist()
+    names = [channel.name for channel in model.channels]
+    for row, electrode, limit, side in model.table.clipped if fit.is_converged else ():
+        if row not in rows or not fit.is_used[rows.index(row)]:
+            continue
+        at = (rows.index(row), names.index(electrode))
+        predicted = float(fit.prediction.readings[at])
+        by_place = fit.noise.place_mm * np.linalg.norm(fit.prediction.by_touch[at][:2])
+        deviation = np.hypot(fit.noise.sigma * limit, fit.noise.absolute[at[1]])
+        deviation = fit.scatter * np.hypot(deviation, by_place)
+        if side * (limit - predicted) > fit.model.options.max_limit_pull * deviation:
+            values = f"{limit:.6g} {model.unit}, but {predicted:.6g} ± {deviation:.2g} is predicted"
+            yield f"row {row}: {electrode} looks clipped at {values}; check the channel"

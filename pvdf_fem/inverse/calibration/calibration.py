@@ -162,6 +162,10 @@ class Calibration(Result):
             "degrees_of_freedom": fit.degrees_of_freedom,
             "p_value": fit.p_value,
             "outliers": [{"row": row, "reason": why} for row, why in self.outliers.items()],
+            "clipped": [
+                {"row": reading.row, "electrode": reading.electrode}
+                for reading in fit.model.table.clipped
+            ],
             "remarks": list(self.notes),
             "reading": fit.model.reading,
             "unit": fit.model.unit,

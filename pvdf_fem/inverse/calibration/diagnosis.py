@@ -34,6 +34,7 @@ class CalibrationStatus(StrEnum):
 
     CALIBRATED = "calibrated"  #: The parameters explain the touches.
     TOO_FEW = "too_few_touches"  #: There are fewer usable touches than parameters.
+    CLIPPED = "clipped"  #: There are too few touches, since readings are clipped.
     SWAPPED = "swapped_channels"  #: Channels are swapped.
     FRAME = "wrong_frame"  #: Positions or rotations are in another frame.
     UNIT = "wrong_unit"  #: Readings are in another unit.

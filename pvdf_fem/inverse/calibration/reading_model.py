@@ -25,6 +25,7 @@ from pvdf_fem.inverse.calibration.parameters import (
     get_parameter,
 )
 from pvdf_fem.inverse.calibration.touch_table import TouchTable, place_probe
+from pvdf_fem.inverse.clipping import compute_range_limits, find_plateaus
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.progress import SolveCounter, ignore_progress
 from pvdf_fem.scene.scene import Scene
@@ -93,7 +94,7 @@ class ReadingModel:
     def with_table(self, table: TouchTable, reading: str) -> ReadingModel:
         """Return a model of other touches, with copies of the solves if the probe loads are equal.
 
-        Its `failures` are empty in either case.
+        The copies include the `failures` of touches that could not be solved.
 
         Parameters
         ----------
@@ -108,7 +109,24 @@ class ReadingModel:
             other.integrals = self.integrals.copy()
             other.unloaded_integrals = self.unloaded_integrals.copy()
             other.charge_errors = self.charge_errors.copy()
+            other.failures = dict(self.failures)
         return other
+
+    def leave_out_clipped(self) -> ReadingModel:
+        """Return a model without clipped readings, see `TouchTable.leave_out_clipped`.
+
+        Readings clip at the range of their channel, or at plateaus that the touches have.
+
+        Raises
+        ------
+        TouchesError
+            If too few readings remain.
+        """
+        limits = compute_range_limits(self.channels, self.unit)
+        limits = limits.tighten(find_plateaus(self.table.readings, self.channels, self.unit))
+        names = [channel.name for channel in self.channels]
+        table = self.table.leave_out_clipped(limits, names, self.unit)
+        return self if table is self.table else self.with_table(table, self.reading)
 
     @property
     def keys(self) -> tuple[str, ...]:

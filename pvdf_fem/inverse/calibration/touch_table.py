@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.files import read_bytes
+from pvdf_fem.inverse.clipping import CLIPPED_ADVICE, ReadingLimits
 from pvdf_fem.readings.formats import parse_csv
 from pvdf_fem.readings.selection import (
     ChosenColumn,
@@ -41,6 +42,15 @@ class TouchesError(ValueError):
         return "\n".join(self.args)
 
 
+class ClippedReading(NamedTuple):
+    """A reading at the end of the range of its channel, which is a limit of the true reading."""
+
+    row: int  #: Row number in the file below its heading, starting at 1.
+    electrode: str
+    limit: float  #: End of the range, in the unit of the readings.
+    side: int  #: 1 if the true reading is above the limit, -1 if it is below.
+
+
 @dataclass(frozen=True, eq=False)
 class TouchTable:
     """Touches at known positions, rotations and forces, with the readings of the channels."""
@@ -55,6 +65,8 @@ class TouchTable:
     notes: tuple[str, ...] = ()
     #: Unit of the readings, ``pC`` or ``V``, if the file or the user says it.
     unit: str | None = None
+    #: Readings that are missing in `readings`, since they are clipped.
+    clipped: tuple[ClippedReading, ...] = ()
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -88,6 +100,69 @@ class TouchTable:
             readings=self.readings[indices],
             notes=(),
         )
+
+    def leave_out_clipped(
+        self, limits: ReadingLimits, electrodes: Sequence[str], unit: str
+    ) -> TouchTable:
+        """Return a table without clipped readings, and without touches that have no others.
+
+        Parameters
+        ----------
+        limits : ReadingLimits
+            Readings in `unit` at which the channels clip.
+        electrodes : sequence of str
+            Names of the electrodes in the order of the readings.
+        unit : str
+            Unit of the readings, for the notes.
+
+        Raises
+        ------
+        TouchesError
+            If all readings of an electrode are clipped, or less than two touches remain.
+        """
+        sides = limits.find_sides(self.readings)
+        if not sides.any():
+            return self
+        is_measured = np.isfinite(self.readings) & (sides == 0)
+        errors = []
+        for name, column in zip(electrodes, is_measured.T, strict=True):
+            if not column.any():
+                errors.append(f"column {name}: is clipped in every row; {CLIPPED_ADVICE}")
+        is_used = is_measured.any(axis=1)
+        if is_used.sum() < 2:
+            errors.append(f"touches: almost all readings are clipped; {CLIPPED_ADVICE}")
+        if errors:
+            raise TouchesError(*errors)
+        clipped = []
+        limited = limits.replace_clipped(self.readings, sides)
+        for index, column in np.argwhere(sides).tolist():
+            reading = ClippedReading(
+                row=int(self.rows[index]),
+                electrode=electrodes[column],
+                limit=float(limited[index, column]),
+                side=int(sides[index, column]),
+            )
+            clipped.append(reading)
+        readings = np.where(is_measured, self.readings, np.nan)
+        return replace(
+            self,
+            rows=self.rows[is_used],
+            probe_loads=self.probe_loads[is_used],
+            readings=readings[is_used],
+            notes=(*self.notes, *_describe_clipped(clipped, unit)),
+            clipped=tuple(clipped),
+        )
+
+
+def _describe_clipped(clipped: Sequence[ClippedReading], unit: str) -> Iterator[str]:
+    """Yield a note for each electrode with clipped readings, with their rows and limits."""
+    rows: dict[tuple[str, float], list[str]] = {}
+    for reading in clipped:
+        rows.setdefault((reading.electrode, reading.limit), []).append(str(reading.row))
+    for (electrode, limit), numbers in sorted(rows.items()):
+        place = f"row{'' if len(numbers) == 1 else 's'} {', '.join(numbers)}"
+        reason = f"{electrode} is clipped at {limit:.6g} {unit}"
+        yield f"{place}: {reason}; the reading is left out; {CLIPPED_ADVICE}"
 
 
 def read_touches(source: Any, scene: Scene, unit: str | None = None) -> TouchTable:
@@ -298,7 +373,13 @@ def _find_value_errors(table: TouchTable, electrodes: Sequence[str]) -> Iterator
             yield f"column {name}: is empty; the channel is dead or not connected"
         elif np.ptp(measured) <= CONSTANT_RANGE * np.abs(measured).max():
             value = f"is {measured[0]:g} in every row"
-            yield f"column {name}: {value}; the channel is dead or not connected"
+            others = np.nan_to_num(table.readings[:, [other != name for other in electrodes]])
+            extremes = [*others.max(axis=0, initial=0.0), *others.min(axis=0, initial=0.0)]
+            if measured[0] and measured[0] in extremes:
+                reason = "which is also the extreme of another channel, and clipped there"
+                yield f"column {name}: {value}, {reason}; {CLIPPED_ADVICE}"
+            else:
+                yield f"column {name}: {value}; the channel is dead or not connected"
 
 
 def _find_load_errors(table: TouchTable, scene: Scene) -> Iterator[str]:

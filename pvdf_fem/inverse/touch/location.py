@@ -10,16 +10,11 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import READINGS
+from pvdf_fem.inverse.clipping import CLIPPED_ADVICE
 from pvdf_fem.inverse.coordinates import compute_extents, get_base_quantity
 from pvdf_fem.inverse.posterior import Posterior, profile_chi_square, sample_posterior
 from pvdf_fem.inverse.touch.location_problem import LocationProblem
-from pvdf_fem.inverse.touch.touch import (
-    CLIPPED_ADVICE,
-    DETERMINED_RATIO,
-    Touch,
-    TouchStatus,
-    decide_status,
-)
+from pvdf_fem.inverse.touch.touch import DETERMINED_RATIO, Touch, TouchStatus, decide_status
 from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
 if TYPE_CHECKING:

@@ -17,8 +17,6 @@ from pvdf_fem.summary import Result, Summary
 SIGNIFICANCE = 1e-3
 #: A direction is determined if the domain along it is wider than this many standard deviations.
 DETERMINED_RATIO = 3.0
-#: Advice about readings at the end of the range of their channel.
-CLIPPED_ADVICE = "press lighter, or widen the range of the channels (readout.range_V)"
 
 
 def compute_p_values(chi_square: Array, degrees_of_freedom: int | Indices) -> Array:

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.inverse.clipping import CLIPPED_ADVICE
 from pvdf_fem.inverse.least_squares import SearchResult
 from pvdf_fem.inverse.touch.location_problem import LocationProblem
 from pvdf_fem.inverse.touch.search import describe_touches
-from pvdf_fem.inverse.touch.touch import CLIPPED_ADVICE, TouchStatus, decide_status
+from pvdf_fem.inverse.touch.touch import TouchStatus, decide_status
 from pvdf_fem.summary import Summary, TabularResult, TextTable
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES
 
