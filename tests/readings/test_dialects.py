@@ -11,7 +11,17 @@ from pvdf_fem.readings.text.numbers import read_both_ways
 from tests.helpers.tables import Dialect, read_table
 
 SEPARATORS = [",", ";", "\t", "|", " "]
-GROUPINGS = ["", ".", ",", "'", "\N{RIGHT SINGLE QUOTATION MARK}", " ", "\u00a0", "\u202f", "\u2009"]
+GROUPINGS = [
+    "",
+    ".",
+    ",",
+    "'",
+    "\N{RIGHT SINGLE QUOTATION MARK}",
+    " ",
+    "\u00a0",
+    "\u202f",
+    "\u2009",
+]
 PREAMBLES = [
     (),
     ("sensor 7", "Date: 2024-05-02", "Channels: A,B,C,D", "Rate;1000"),
@@ -20,7 +30,9 @@ PREAMBLES = [
 ]
 NUMBERS = st.tuples(st.integers(-4_000_000, 4_000_000), st.integers(0, 4))
 ROWS = st.lists(
-    st.lists(st.none() | NUMBERS, min_size=4, max_size=4).filter(lambda row: None in row[:1] or row),
+    st.lists(st.none() | NUMBERS, min_size=4, max_size=4).filter(
+        lambda row: None in row[:1] or row
+    ),
     min_size=1,
     max_size=6,
 )
