@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from pvdf_fem.readings.text.numbers import read_both_ways
-from tests.helpers.tables import Dialect, read_table
+from tests.readings.dialects import Dialect, read_table
 
 SEPARATORS = [",", ";", "\t", "|", " "]
 GROUPINGS = [

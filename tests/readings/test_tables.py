@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem.files import FileError
-from tests.helpers.tables import read_table
+from tests.readings.dialects import read_table
 
 NAN, INF = math.nan, math.inf
 
