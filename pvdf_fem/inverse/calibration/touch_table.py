@@ -278,7 +278,7 @@ def _find_missing_column_errors(
     """
     missing = [name for name in needed if name not in columns]
     for name in missing:
-        yield f"column {name}: missing; give {', '.join(needed)}"
+        yield f"column {name}: is missing; add it (required are {', '.join(needed)})"
     if missing:
         for heading in unused:
             advice = f"remove or rename it: {suggest(heading, missing)}"
@@ -365,7 +365,7 @@ def _find_value_errors(table: TouchTable, electrodes: Sequence[str]) -> Iterator
     With fewer than two touches, yield only a message that says so.
     """
     if len(table) < 2:
-        yield f"touches: {len(table)} complete rows; give more touches than unknown parameters"
+        yield f"touches: only {len(table)} complete rows; give more touches than unknown parameters"
         return
     for name, column in zip(electrodes, table.readings.T, strict=True):
         measured = column[np.isfinite(column)]
