@@ -119,7 +119,7 @@ def parse_axes(
         raise SceneError(["axes: is required; add a table [[axes]]"], source)
     if len(tables) > MAX_AXES:
         advice = f"give at most {MAX_AXES}, or several keys in one axis"
-        raise SceneError([f"axes: are {len(tables)} axes; {advice}"], source)
+        raise SceneError([f"axes: has {len(tables)} tables; {advice}"], source)
     errors: list[str] = []
     axes = []
     for index, table in enumerate(tables):
