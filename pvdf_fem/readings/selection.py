@@ -316,6 +316,23 @@ class NumberColumns:
             values.append(value)
         return values
 
+    def describe_words(self, row: Row, values: Iterable[float]) -> str:
+        """Return the words in place of numbers in a row, such as ``A is OVER, B is #DIV/0!``.
+
+        Parameters
+        ----------
+        row : Row
+            A row of the table.
+        values : iterable of float
+            Its numbers, as `read` returns them.
+        """
+        parts = []
+        for column, value in zip(self.columns, values, strict=True):
+            text = "" if math.isfinite(value) else _get_text(row.cells[column.index])
+            if text:
+                parts.append(f"{column.heading} is {text}")
+        return ", ".join(parts)
+
     def read_cell_or_nan(self, row: Row, position: int) -> float:
         """Return the number in one of the columns of a row that is malformed; NaN if it has none.
 
@@ -356,9 +373,14 @@ class NumberColumns:
 
     def _count_word(self, index: int, cell: Any) -> None:
         """Count a word that stood in place of a number; empty cells are not counted."""
-        text = cell.strip() if isinstance(cell, str) else ""
+        text = _get_text(cell)
         if text:
             self.words[self.table.columns[index].heading, text] += 1
+
+
+def _get_text(cell: Any) -> str:
+    """Return the text of a cell; an empty one for None and for numbers."""
+    return cell.strip() if isinstance(cell, str) else ""
 
 
 def _list_texts(cells: Iterable[Any]) -> list[str]:

@@ -35,7 +35,8 @@ with exchanged channels, mirrored axes, wrong units and the like are recognised.
 
 _EPILOG = """\
 TOUCHES.csv has the columns x_mm, y_mm, rotation_deg (of the scene's probe on
-the stage), force_N, and one for each electrode (A, B, ...) with its reading.
+the stage), force_N, and one for each electrode (A, B, ...) with its reading. Units in
+headings, as x (m) or A (mV), are converted.
 
 unknowns: film.pretension_N_m and other keys of the film; gain.A, ... or gains;
 offset.A, ... (V) or offsets; stage.x_mm and stage.y_mm or shift;
