@@ -22,7 +22,7 @@ from pvdf_fem.readings.times import (
 )
 from pvdf_fem.readings.units import UNITS, convert_factor
 
-#: Units of readings by the quantity that they measure.
+#: Units to which readings in different units are converted, by the quantity that they measure.
 READING_UNITS = {"charge": "pC", "voltage": "V"}
 #: Units of times by the headings that say them, in lower case; those in front are preferred.
 TIME_HEADINGS = {"t_s": "s", "t_ms": "ms", "t_us": "µs", "t_µs": "µs", "t_ns": "ns"}
@@ -136,9 +136,11 @@ def choose_readings(
     Returns
     -------
     columns : dict of str to ChosenColumn
-        Columns by electrode, of those that have one. Readings with a unit are converted to pC or V.
+        Columns by electrode, of those that have one. If they have different units, readings are
+        converted to pC or V.
     unit : str or None
-        ``pC`` or ``V`` if the file has units, and otherwise the unit that the user has named.
+        Symbol of the unit of the readings if the file has it, and otherwise the unit that the user
+        has named.
 
     Raises
     ------
@@ -153,15 +155,19 @@ def choose_readings(
             indices[electrode] = index
     used = [table.columns[index] for index in indices.values()]
     _require_matching_units(table.name, used, unit)
+    units = {column.unit for column in used if column.unit is not None}
+    if not units:
+        target = None
+    elif len(units) == 1:
+        [target] = units
+    else:
+        target = UNITS[READING_UNITS[next(iter(units)).quantity]]
     chosen = {}
     for electrode, index in indices.items():
         column = table.columns[index]
-        factor = 1.0
-        if column.unit is not None:
-            unit = READING_UNITS[column.unit.quantity]
-            factor = convert_factor(column.unit, UNITS[unit])
+        factor = convert_factor(column.unit, target) if column.unit and target else 1.0
         chosen[electrode] = ChosenColumn(index, column.heading, factor)
-    return chosen, unit
+    return chosen, target.symbol if target else unit
 
 
 def _require_matching_units(name: str, columns: Sequence[Column], unit: str | None) -> None:

@@ -24,6 +24,7 @@ from pvdf_fem.cli.inverse.reading_table import (
     open_writer,
     to_plain,
 )
+from pvdf_fem.cli.inverse.unit_option import choose_unit, require_valid_unit
 from pvdf_fem.cli.output import find_output_errors
 from pvdf_fem.cli.program import ExitCode, InputError
 from pvdf_fem.cli.response_choice import load_or_build_response
@@ -100,7 +101,7 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
                 show(counts.total(), max(line_count, counts.total()))
     locator.report_cells()
     if clipped:
-        _print_clipped(clipped, locator.limits, locator.request.unit)
+        _print_clipped(clipped, locator.limits, locator.unit)
     return _print_summary(counts, mistakes)
 
 
@@ -127,13 +128,17 @@ class _RowLocator:
     def __init__(
         self, scene: Scene, request: Request, options: argparse.Namespace, table: Table
     ) -> None:
+        from pvdf_fem.electrodes.channel import get_reading_unit
         from pvdf_fem.inverse.touch.locate import get_scene_quantities
 
         self.scene = scene
         self.is_quick = options.quick
         electrodes = [electrode.name for electrode in scene.electrode_list]
         readings, unit = choose_electrode_columns(table, electrodes, request.unit)
-        self.request = replace(request, unit=unit or request.unit)
+        require_valid_unit(scene, unit, table.name)
+        self.given_unit = unit or request.unit
+        self.unit = self.given_unit or get_reading_unit(scene)
+        self.request = replace(request, unit=self.given_unit)
         self.electrodes = list(readings)
         chosen = dict(readings)
         for name in KNOWN:
@@ -160,6 +165,44 @@ class _RowLocator:
         self.response = load_or_build_response(scene, options.scene, request.response)
         #: Lowest and highest readings at which channels have turned out to clip.
         self.limits: dict[str, tuple[float, float]] = {}
+        self._is_unit_settled = False
+
+    def _settle_unit(self, numbers: Mapping[str, Array]) -> None:
+        """Choose the unit of the readings, until a touch explains some of them.
+
+        Parameters
+        ----------
+        numbers : mapping of str to ndarray, shape (rows,)
+            Readings by electrode, and known quantities.
+
+        Raises
+        ------
+        InputError
+            If the readings are not in the unit that was given.
+        """
+        if self._is_unit_settled:
+            return
+        self.unit = choose_unit(
+            self.response,
+            {name: numbers[name] for name in self.electrodes},
+            self.given_unit,
+            self.numbers.table.name,
+            sigma=self.request.sigma,
+            noise=self.request.noise,
+            reading=self.request.reading,
+            known=self._collect_known(numbers),
+        )
+        self.request = replace(self.request, unit=self.unit)
+
+    def _collect_known(self, numbers: Mapping[str, Array]) -> dict[str, Array]:
+        """Collect the known quantities of some rows, by the arguments of `locate_many`."""
+        known = {}
+        row_count = len(numbers[self.electrodes[0]])
+        for name, value in self.known.items():
+            known[KNOWN[name]] = np.full(row_count, value)
+        for name in self.known_columns:
+            known[KNOWN[name]] = numbers[name]
+        return known
 
     def locate(self, rows: Sequence[Row]) -> Iterator[list[dict[str, Any]]]:
         """Locate rows, and yield for some rows at a time the cells of the output by column.
@@ -168,6 +211,7 @@ class _RowLocator:
         is ``malformed`` if the row is, and ``not_finite`` if one of its cells is not a number.
         """
         numbers, notes = self._read_numbers(rows)
+        self._settle_unit(numbers)
         self._find_limits(numbers)
         step = len(rows) if self.is_quick else CALIBRATED_ROWS
         for start in range(0, len(rows), step):
@@ -188,7 +232,7 @@ class _RowLocator:
 
         channels = [each for each in make_channels(self.scene) if each.name in self.electrodes]
         readings = np.stack([numbers[channel.name] for channel in channels], axis=1)
-        found = find_plateaus(readings, channels, self.request.unit)
+        found = find_plateaus(readings, channels, self.unit)
         pairs = zip(found.low.tolist(), found.high.tolist(), strict=True)
         for channel, (low, high) in zip(channels, pairs, strict=True):
             known_low, known_high = self.limits.get(channel.name, (-np.inf, np.inf))
@@ -204,24 +248,19 @@ class _RowLocator:
         """
         from pvdf_fem.inverse.touch.locate_many import locate_many
 
-        known: dict[str, Any] = {}
-        row_count = len(numbers[self.electrodes[0]])
-        for name, value in self.known.items():
-            known[KNOWN[name]] = np.full(row_count, value)
-        for name in self.known_columns:
-            known[KNOWN[name]] = numbers[name]
         touches = locate_many(
             self.response,
             {name: numbers[name] for name in self.electrodes},
             self.request.sigma,
             noise_pC=self.request.noise_pC(self.scene),
             reading=self.request.reading,
-            unit=self.request.unit,
+            unit=self.unit,
             limits=self.limits,
             calibrated=not self.is_quick,
-            **known,
-        ).to_table()
-        return {name: column.tolist() for name, column in touches.items()}
+            **self._collect_known(numbers),
+        )
+        self._is_unit_settled |= bool(touches.explained.any())
+        return {name: column.tolist() for name, column in touches.to_table().items()}
 
     def _make_cells(
         self, rows: Sequence[Row], notes: Sequence[_RowNote], columns: Mapping[str, list[Any]]
