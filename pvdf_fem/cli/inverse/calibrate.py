@@ -126,14 +126,16 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(*errors)
     from pvdf_fem.inverse.calibration.calibrate import calibrate
     from pvdf_fem.inverse.calibration.diagnosis import CalibrationStatus
+    from pvdf_fem.inverse.calibration.touch_table import find_reading_unit
     from pvdf_fem.inverse.touch.measurement import get_units_pC
 
-    noise_pC = None
-    if noise is not None:
-        units_pC = get_units_pC(scene, unit or get_reading_unit(scene))
-        noise_pC = {name: noise * unit_pC for name, unit_pC in units_pC.items()}
     unknowns = [name.strip() for name in options.unknown.split(",")]
+    noise_pC = None
     try:
+        if noise is not None:
+            noise_unit = unit or find_reading_unit(options.touches, scene)
+            units_pC = get_units_pC(scene, noise_unit or get_reading_unit(scene))
+            noise_pC = {name: noise * unit_pC for name, unit_pC in units_pC.items()}
         calibration = calibrate(
             scene,
             options.touches,

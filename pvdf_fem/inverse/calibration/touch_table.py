@@ -224,6 +224,19 @@ def read_touches(source: Any, scene: Scene, unit: str | None = None) -> TouchTab
     return touches
 
 
+def find_reading_unit(source: Any, scene: Scene) -> str | None:
+    """Return the unit of the readings in the headings of touches, or None if they have none.
+
+    Parameters
+    ----------
+    source, scene
+        As for `read_touches`.
+    """
+    electrodes = [electrode.name for electrode in scene.electrode_list]
+    table = _open_table(source, [*TOUCH_QUANTITIES, *electrodes])
+    return choose_readings(table, electrodes, unit=None)[1]
+
+
 def _open_table(source: Any, names: Sequence[str]) -> Table:
     """Return the table of a file, a mapping or a dataframe.
 
