@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 _DESCRIPTION = """\
 Fit the parameters of a sensor to touches with known position, rotation and force: the
 film, the channels and the position on the stage that explain the readings best. The ±
-are standard deviations. Touches that do not fit are rejected and named; files
-with exchanged channels, mirrored axes, wrong units and the like are recognised."""
+are standard deviations. Touches that do not fit are rejected and named; readings at
+the end of readout.range_V, or at plateaus, are clipped and left out; files with exchanged channels, mirrored axes, wrong units and the like are recognised."""
 
 _EPILOG = """\
 TOUCHES.csv has the columns x_mm, y_mm, rotation_deg (of the scene's probe on

@@ -57,6 +57,7 @@ def test_empty_cells_leave_out_a_reading_or_a_row(tmp_path):
         (HEAD + "\n" + ROWS[0] + ",5", "row 1 has 9 cells"),
         (make_columns(B=[3.0]), "touches: columns differ in length"),
         (make_columns(B=[3.0, 3.0, 3.0]), "column B: is 3 in every row"),
+        (make_columns(C=[41.0] * 3, D=[41.0, 41.0, 40.0]), "column C: is 41 in every row, which"),
         (make_columns(C=[np.nan] * 3), "column C: is empty"),
         (make_columns(x_mm=[1.0] * 3, y_mm=[2.0] * 3), "columns x_mm, y_mm: the same in every row"),
         (make_columns(x_mm=[1e3, 3e3, -5e3], y_mm=[2e3, 4e3, 1e3]), "look like µm"),
