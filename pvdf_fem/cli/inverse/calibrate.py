@@ -126,7 +126,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(*errors)
     from pvdf_fem.inverse.calibration.calibrate import calibrate
     from pvdf_fem.inverse.calibration.diagnosis import CalibrationStatus
-    from pvdf_fem.inverse.calibration.touch_table import find_reading_unit
+    from pvdf_fem.inverse.calibration.touch_columns import find_reading_unit
     from pvdf_fem.inverse.touch.measurement import get_units_pC
 
     unknowns = [name.strip() for name in options.unknown.split(",")]
