@@ -118,8 +118,8 @@ def parse_axes(
     if not tables:
         raise SceneError(["axes: is required; add a table [[axes]]"], source)
     if len(tables) > MAX_AXES:
-        advice = f"give at most {MAX_AXES}, or several keys in one axis"
-        raise SceneError([f"axes: has {len(tables)} tables; {advice}"], source)
+        reason = f"too many tables; give at most {MAX_AXES}, or several keys in one axis"
+        raise SceneError([format_error("axes", len(tables), reason)], source)
     errors: list[str] = []
     axes = []
     for index, table in enumerate(tables):
@@ -354,7 +354,7 @@ def _find_axis_conflicts(axes: Sequence[SweepAxis]) -> Iterator[str]:
             yield format_error(f"{where}.name", axis.name, reason)
     count = math.prod(len(axis) for axis in axes)
     if count > MAX_SCENES:
-        yield f"axes: make {count} scenes; {_TOO_MANY}"
+        yield format_error("axes", count, f"too many scenes; {_TOO_MANY}")
 
 
 def _find_overridden_keys(axes: Sequence[SweepAxis]) -> Iterator[str]:
