@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Replaced
-from pvdf_fem.inverse.calibration.touch_table import TouchesError, read_touches
+from pvdf_fem.inverse.calibration.touch_columns import TouchesError
+from pvdf_fem.inverse.calibration.touch_table import read_touches
 from tests.helpers.touched_sensor import SCENE
 
 DISC = SCENE.with_(probe=Replaced({"shape": "circle", "radius_mm": 3.0}))
