@@ -16,6 +16,8 @@ import numpy as np
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.electrodes.channel import Channel, list_units_pC
 
+#: Advice about readings at the end of the range of their channel.
+CLIPPED_ADVICE = "press lighter, or widen the range of the channels (readout.range_V)"
 #: Readings count as clipped from this fraction of the way between offset and end of the range. The
 #: highest code of a bipolar 10-bit converter is 0.2 % of this way below the end.
 CODE_FRACTION = 0.998
@@ -43,7 +45,8 @@ class ReadingLimits(NamedTuple):
         Parameters
         ----------
         readings : ndarray, shape (..., channels)
-            Readings in the unit of the limits; NaN where missing.
+            Readings in the unit of the limits; NaN where missing, and infinite where an instrument
+            has marked them as beyond its range.
 
         Returns
         -------
@@ -55,6 +58,8 @@ class ReadingLimits(NamedTuple):
         width = self.high - self.low
         is_high = (readings >= self.high) & (readings <= self.high + width)
         is_low = (readings <= self.low) & (readings >= self.low - width)
+        is_high = (is_high | np.isposinf(readings)) & np.isfinite(self.high)
+        is_low = (is_low | np.isneginf(readings)) & np.isfinite(self.low)
         return is_high.astype(int) - is_low.astype(int)
 
     def replace_clipped(self, readings: Array, sides: Indices) -> Array:

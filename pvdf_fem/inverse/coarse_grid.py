@@ -74,8 +74,8 @@ class NodeSelection(NamedTuple):
     nodes: Indices  #: Indices of the nodes; shape (rows, count).
     #: Steps of the logarithm of the force from the node to the best force; shape (rows, count).
     force_steps: Array
-    #: Chi-square at the best force, divided by the largest weight 1/σ² of the row and less a
-    #: constant of the row, so that it ranks nodes of one row alone; shape (rows, count).
+    #: Chi-square at the best force, divided by the largest weight 1/σ² of the row and minus a
+    #: constant of the row, so that it can only be compared within a row; shape (rows, count).
     chi_square: Array
 
 
@@ -173,8 +173,8 @@ class CoarseGrid:
         Returns
         -------
         NodeSelection
-            Nodes of the m rows, in no order. If fewer than `count` positions are eligible, others
-            fill up the selection, with infinite chi-square.
+            Nodes of the m rows, in arbitrary order. If fewer than `count` positions are eligible,
+            the selection is completed by others with infinite chi-square.
         """
         fit = self._fit_forces(problem, rows, rotation, log_forces)
         by_force = fit.chi_square.reshape(len(rows), -1, self.position_count)
@@ -223,10 +223,10 @@ class CoarseGrid:
         with the measured charges q and the weights w is a parabola with the minimum at
         t = Σ w D (q - Q) / Σ w D². The constant Σ w q² is left out.
         """
-        charges = problem.charges_pC[rows]
+        is_limit = problem.is_limit[rows]
+        charges = np.where(is_limit, 0.0, problem.charges_pC[rows])
         deviations = problem.deviations_pC[rows]
         unit = deviations.min(axis=1, keepdims=True)
-        is_limit = problem.is_limit[rows]
         weights = np.where(is_limit, 0.0, np.square(unit / deviations))
         factors = np.concatenate([weights, weights * charges], axis=1).astype(np.float32)
         chi_square = factors @ self.constant_terms[rotation]
@@ -247,7 +247,7 @@ class CoarseGrid:
         curvatures -= half_slopes
         curvatures *= steps
         chi_square += curvatures
-        for row in np.flatnonzero(is_limit.any(axis=1)).tolist():
+        for row in np.flatnonzero(problem.is_clipped[rows].any(axis=1)).tolist():
             excess = self._compute_limit_excess(problem, int(rows[row]), rotation, steps[row])
             chi_square[row] += np.square(unit[row]) * excess
         return _ForceFit(chi_square, steps)
@@ -273,7 +273,7 @@ class CoarseGrid:
         ndarray, shape (nodes,)
             Sum of the squared distances beyond the limits, in standard deviations.
         """
-        electrodes = np.flatnonzero(problem.is_limit[row])
+        electrodes = np.flatnonzero(problem.is_clipped[row])
         assert problem.limit_sides is not None
         charges = self.system[rotation][:, electrodes, 0]
         charges = charges + steps[:, None] * self.system[rotation][:, electrodes, FORCE_DERIVATIVE]

@@ -103,9 +103,9 @@ def apply_one_sided_likelihood(system: Array, sides: Indices) -> None:
     root = np.maximum(np.sqrt(-2.0 * log_probability), np.finfo(float).tiny)
     log_density = -0.5 * (np.square(z) + math.log(2.0 * math.pi))
     slope = np.exp(log_density - log_probability - np.log(root))
-    rows = system[selected] * slope[:, None]
-    rows[:, 0] = -side * root
-    system[selected] = rows
+    # A limit at infinity has an infinite residual, which is not to be multiplied by 0.
+    derivatives = slope[:, None] * system[selected][:, 1:]
+    system[selected] = np.column_stack([-side * root, derivatives])
 
 
 def compute_normal_matrices(system: Array) -> Array:

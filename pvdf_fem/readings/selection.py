@@ -6,12 +6,13 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 from pvdf_fem.files import FileError
 from pvdf_fem.readings.columns import Column, find_column, parse_heading
 from pvdf_fem.readings.table import Batches, Row, Table
-from pvdf_fem.readings.text.numbers import MAX_QUOTED, CellError, NumberReader
+from pvdf_fem.readings.text.numbers import CellError, NumberReader
 from pvdf_fem.readings.times import (
     TIME_NAMES,
     ClockTimes,
@@ -23,8 +24,8 @@ from pvdf_fem.readings.units import UNITS, convert_factor
 
 #: Units of readings by the quantity that they measure.
 READING_UNITS = {"charge": "pC", "voltage": "V"}
-#: Headings of times in a table that has several, those in front first.
-TIME_HEADINGS = ("t_s", "t_ms", "t_us", "t_µs")
+#: Units of times by the headings that say them, in lower case; those in front are preferred.
+TIME_HEADINGS = {"t_s": "s", "t_ms": "ms", "t_us": "µs", "t_µs": "µs", "t_ns": "ns"}
 
 
 class TimesOfUnknownKind:
@@ -107,6 +108,15 @@ def choose_quantity(table: Table, name: str) -> ChosenColumn | None:
             f"{table.name}: column {column.heading}: is in {given.symbol}; give {unit.symbol}"
         )
     return ChosenColumn(index, column.heading, convert_factor(given, unit))
+
+
+def choose_column(table: Table, name: str) -> ChosenColumn | None:
+    """Return a column whose unit does not matter, by its name; None if the table has none.
+
+    A `FileError` is raised if several columns may be meant.
+    """
+    index = _find_column(table, name, [])
+    return None if index is None else ChosenColumn(index, table.columns[index].heading, factor=1.0)
 
 
 def choose_readings(
@@ -205,8 +215,10 @@ def choose_times(table: Table) -> ChosenColumn | None:
     if index is None:
         return None
     column = table.columns[index]
-    if column.unit is not None:
-        return ChosenColumn(index, column.heading, convert_factor(column.unit, UNITS["s"]))
+    symbol = TIME_HEADINGS.get(column.heading.casefold())
+    unit = UNITS[symbol] if symbol and column.unit is None else column.unit
+    if unit is not None:
+        return ChosenColumn(index, column.heading, convert_factor(unit, UNITS["s"]))
     return ChosenColumn(index, column.heading, 1.0, TimesOfUnknownKind(table, column))
 
 
@@ -218,7 +230,7 @@ def is_time_column(column: Column) -> bool:
 
 def _find_time_column(columns: Sequence[Column]) -> int | None:
     """Return the index of the best column of times, or None if there is none."""
-    headings = [column.heading for column in columns]
+    headings = [column.heading.casefold() for column in columns]
     for heading in TIME_HEADINGS:
         if heading in headings:
             return headings.index(heading)
@@ -358,6 +370,8 @@ def _make_cell_reader(table: Table, column: ChosenColumn) -> tuple[int, Callable
     """Return the index of a column with a function that reads its cells in the needed unit."""
     read_number = table.numbers.read
     factor = column.factor
+    # Division by 1000 rounds correctly, multiplication by 0.001 does not.
+    divisor = float(f"{1.0 / factor:.15g}")
     times = column.times
 
     def read_cell(cell: Any) -> float:
@@ -366,9 +380,11 @@ def _make_cell_reader(table: Table, column: ChosenColumn) -> tuple[int, Callable
         if times is not None:
             return times.read(str(cell))
         if type(cell) is str:
-            return factor * read_number(cell)
-        if isinstance(cell, int | float) and not isinstance(cell, bool):
-            return factor * float(cell)
-        raise CellError(f"{str(cell)[:MAX_QUOTED]} is not a number; correct it")
+            value = read_number(cell)
+        elif isinstance(cell, Real) and not isinstance(cell, bool):
+            value = float(cell)
+        else:
+            value = read_number(str(cell))
+        return value * factor if factor >= 1.0 else value / divisor
 
     return column.index, read_cell

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any, BinaryIO, NamedTuple
 
-from pvdf_fem.readings.columns import Column
+from pvdf_fem.readings.columns import Column, parse_heading
 from pvdf_fem.readings.text.numbers import NumberReader
 
 
@@ -52,3 +52,30 @@ class Table:
     numbers: NumberReader
     reopen: Callable[[], Batches] | None = field(default=None, repr=False)
     notes: tuple[str, ...] = ()
+
+
+def make_table(name: str, columns: Mapping[str, Sequence[Any]]) -> Table:
+    """Return a table of columns in memory.
+
+    Parameters
+    ----------
+    name : str
+        Name of the table, for messages.
+    columns : mapping of str to sequence
+        Numbers, texts or None by heading, all columns of the same length. Numbers in texts have a
+        decimal point unless one of them has a comma.
+    """
+    rows = []
+    for number, cells in enumerate(zip(*columns.values(), strict=True), start=1):
+        rows.append(Row(number, cells))
+
+    def reopen() -> Batches:
+        yield rows
+
+    return Table(
+        name,
+        tuple(parse_heading(heading) for heading in columns),
+        batches=reopen(),
+        numbers=NumberReader("."),
+        reopen=reopen,
+    )

@@ -28,7 +28,7 @@ pytestmark = pytest.mark.usefixtures("folder", "made_up_responses")
         *((line, text) for line in (f"{LOCATE} a.csv", f"{TRACK} a.csv") for text in UNUSABLE),
         (f"{LOCATE} a.csv", b"A,B,x_mm,given_x_mm\n1,2,3,4\n"),
         (f"{LOCATE} a.csv", b"A (V),B (V),C (V)\n1,2,3\n"),
-        (f"{TRACK} a.csv", b"t_s,A (mV),B (mV),C (mV)\n0,1,2,3\n"),
+        (f"{TRACK} --unit pC a.csv", b"t_s,A (mV),B (mV),C (mV)\n0,1,2,3\n"),
         (f"{LOCATE} a.json", b"[1, 2"),
         (f"{LOCATE} a.json", b'{"A": 1}\n{"A": oops}\n'),
         (f"{LOCATE} a.json", b"[" * 100000),

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.electrodes.channel import get_reading_unit
 from pvdf_fem.inverse.clipping import ReadingLimits, find_plateaus
 from pvdf_fem.inverse.least_squares import SearchOptions, SearchResult, concatenate_results
 from pvdf_fem.inverse.touch.location import Location
@@ -46,7 +47,7 @@ def locate_many(
     forces_N: ArrayLike | None = None,
     noise_pC: Deviations | None = None,
     reading: str | None = None,
-    unit: str = "pC",
+    unit: str | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
     calibrated: bool = False,
 ) -> Touches:
@@ -61,7 +62,8 @@ def locate_many(
         As for `locate`, except that `response` must not be a scene.
     readings : array_like, shape (n, electrodes), or mapping
         Rows of readings of all electrodes, in the order of the response; or columns of n readings
-        by the electrode's name, for some or all electrodes. None and NaN are missing readings.
+        by the electrode's name, for some or all electrodes. None and NaN are missing readings, and
+        infinite ones are beyond the range of the channel.
     rotations_deg : array_like, shape (n,), optional
         Known rotation of each row in the frame of the scene's stage.
     forces_N : array_like, shape (n,), optional
@@ -100,6 +102,8 @@ def locate_many(
     response = as_response(response)
     columns = _read_columns(response, readings)
     calibrated = coerce("calibrated", calibrated, bool)
+    if unit is None:
+        unit = get_reading_unit(response.scene)
     errors = list(
         find_reading_errors(
             response.scene,
@@ -138,8 +142,8 @@ def locate_many(
     names = tuple(TOUCH_QUANTITIES[column] for column in unknown)
     touches = Touches.make_empty(status, names, measurement.reading)
     is_clipped = measurement.find_sides(readings_pC) != 0
-    for row in np.flatnonzero(is_clipped.any(axis=1)).tolist():
-        touches.clipped[row] = " ".join(np.array(columns.names)[is_clipped[row]])
+    touches.clipped[:] = _join_names(columns.names, is_clipped)
+    touches.missing[:] = _join_names(columns.names, ~np.isfinite(readings_pC) & ~is_clipped)
     usable = np.flatnonzero(status == TouchStatus.LOCATED)
     for first in range(0, len(usable), CHUNK_ROWS):
         rows = usable[first : first + CHUNK_ROWS]
@@ -343,6 +347,14 @@ def _order_limits(limits: Mapping[str, tuple[float, float]], names: Sequence[str
     return ReadingLimits(low, high)
 
 
+def _join_names(names: Sequence[str], is_named: Mask) -> list[str]:
+    """Return for each row the names that `is_named`, of shape (n, names), marks, with spaces."""
+    texts = [""] * len(is_named)
+    for row in np.flatnonzero(is_named.any(axis=1)).tolist():
+        texts[row] = " ".join(np.array(names)[is_named[row]].tolist())
+    return texts
+
+
 def _convert_values_to_floats(values: Any, key: str) -> Array:
     """Convert values to an array of floats, in which None becomes NaN.
 
@@ -383,21 +395,25 @@ def _decide_initial_status(
     any_row = np.zeros_like(readings_pC[:1])
     values = np.zeros(any_row.shape, dtype=int)
     needed = len(measurement.make_problem(any_row, unknown, values).free_columns)
-    value_counts = (measurement.find_sides(readings_pC) == 0).sum(axis=1)
+    is_missing = ~np.isfinite(readings_pC)
+    is_value = (measurement.find_sides(readings_pC) == 0) & ~is_missing
+    value_counts = is_value.sum(axis=1)
     # Huge readings must not overflow.
     clipped = np.clip(readings_pC, -MAX_READING_PC, MAX_READING_PC)
     is_small = np.abs(measurement.to_signals(clipped)) < MIN_CHARGE_PC
     has_no_deviation = (is_small & (measurement.noise_pC == 0.0)).any(axis=1)
     lowest, highest = measurement.response.domain.force_N
     forces = known.get(TouchColumn.FORCE, np.full(len(readings_pC), lowest))
-    is_finite = np.isfinite([*readings_pC.T, *known.values()]).all(axis=0)
+    is_finite = np.isfinite([forces, *known.values()]).all(axis=0)
     status = np.full(len(readings_pC), TouchStatus.LOCATED, dtype=object)
     # If several reasons apply, the last one overwrites the others.
-    status[value_counts < needed] = TouchStatus.CLIPPED
+    is_too_few = value_counts < needed
+    status[is_too_few] = TouchStatus.CLIPPED
     if readings_pC.shape[1] < needed:
         status[:] = TouchStatus.UNDETERMINED
     status[~((lowest <= forces) & (forces <= highest))] = TouchStatus.OUTSIDE
     status[is_small.all(axis=1) | has_no_deviation] = TouchStatus.ZERO
-    status[(np.abs(readings_pC) > MAX_READING_PC).any(axis=1)] = TouchStatus.TOO_LARGE
-    status[~is_finite] = TouchStatus.NOT_FINITE
+    is_too_large = (np.abs(readings_pC) > MAX_READING_PC) & ~is_missing
+    status[is_too_large.any(axis=1)] = TouchStatus.TOO_LARGE
+    status[(is_too_few & is_missing.any(axis=1)) | ~is_finite] = TouchStatus.NOT_FINITE
     return status

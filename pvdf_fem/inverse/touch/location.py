@@ -10,16 +10,11 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import READINGS
+from pvdf_fem.inverse.clipping import CLIPPED_ADVICE
 from pvdf_fem.inverse.coordinates import compute_extents, get_base_quantity
 from pvdf_fem.inverse.posterior import Posterior, profile_chi_square, sample_posterior
 from pvdf_fem.inverse.touch.location_problem import LocationProblem
-from pvdf_fem.inverse.touch.touch import (
-    CLIPPED_ADVICE,
-    DETERMINED_RATIO,
-    Touch,
-    TouchStatus,
-    decide_status,
-)
+from pvdf_fem.inverse.touch.touch import DETERMINED_RATIO, Touch, TouchStatus, decide_status
 from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
 if TYPE_CHECKING:
@@ -75,7 +70,7 @@ class Location(Result):
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Number of values among the charges less number of unknowns; may be negative."""
+        """Number of charges that are values minus number of unknowns; may be negative."""
         return int(self.problem.degrees_of_freedom[0])
 
     @property
@@ -86,7 +81,7 @@ class Location(Result):
     @property
     def clipped(self) -> tuple[str, ...]:
         """Names of the electrodes whose readings are clipped: limits instead of values."""
-        (indices,) = np.nonzero(self.problem.is_limit[0])
+        (indices,) = np.nonzero(self.problem.is_clipped[0])
         names = self.problem.response.names
         return tuple(names[electrode] for electrode in self.problem.electrodes[indices])
 
@@ -166,20 +161,23 @@ class Location(Result):
         other than a rotation differs from that of the best touch by more than the sum of the
         `Touch.deviations` of both.
         """
-        return sum(
-            1
-            for quantities in self._unknowns_distinguishing_alternatives
-            if quantities - {"rotation_deg"}
-        )
+        count = 0
+        for quantities in self._unknowns_distinguishing_alternatives:
+            if quantities - {"rotation_deg"}:
+                count += 1
+        return count
 
     @property
     def ambiguous(self) -> bool:
-        """Whether there is any of the touches that `alternatives` counts."""
+        """Whether there are any `alternatives`."""
         return self.alternatives > 0
 
     @cached_property
     def _unknowns_distinguishing_alternatives(self) -> list[set[str]]:
-        """Unknowns in which each further likely touch differs from the best, without indices."""
+        """Unknowns in which each further likely touch differs from the best one.
+
+        There is a set for each of these touches, with the names of the quantities without indices.
+        """
         likely = [touch for touch in self.touches[1:] if touch.weight > MIN_ALTERNATIVE_WEIGHT]
         if not likely:
             return []
@@ -270,7 +268,7 @@ class Location(Result):
         return f"a touch gives such charges once in {cases:.0e} cases ({chi_square} with {freedom})"
 
     def summary(self) -> Summary:
-        """Return status, notes, a table for each touch, and a sentence on ±, to print."""
+        """Summarize status and remarks, with a table for each touch and a note on ±."""
         tables = []
         for number, touch in enumerate(self.touches, start=1):
             tables.append(self._make_table(number, touch))

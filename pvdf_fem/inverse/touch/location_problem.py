@@ -95,7 +95,8 @@ class LocationProblem:
     reading: str = "total"  #: Meaning of the readings, a key of `READINGS`.
     #: 1 where the true charge is known to be above that in `charges_pC`, since the reading is
     #: clipped, -1 where it is known to be below, 0 where the charge is a value; shape
-    #: (rows, electrodes). None if all charges are values.
+    #: (rows, electrodes). None if all charges are values. A missing charge is known to be above
+    #: minus infinity.
     limit_sides: Indices | None = None
 
     @property
@@ -167,7 +168,7 @@ class LocationProblem:
         return coordinates
 
     def compute_differences(self, coordinates: Array, others: Array) -> Array:
-        """Compute differences of coordinates or touches, the shortest ones for rotations.
+        """Compute differences of coordinates or touches, wrapped for rotations.
 
         Parameters
         ----------
@@ -357,13 +358,18 @@ class LocationProblem:
         return np.asarray(self.limit_sides != 0)
 
     @property
+    def is_clipped(self) -> Mask:
+        """Whether each charge is a limit since its reading is clipped; shape (rows, electrodes)."""
+        return np.asarray(self.is_limit & np.isfinite(self.charges_pC))
+
+    @property
     def value_counts(self) -> Indices:
         """Number of charges of each row that are values; shape (rows,)."""
         return np.asarray((~self.is_limit).sum(axis=1))
 
     @property
     def degrees_of_freedom(self) -> Indices:
-        """Number of values less number of free quantities of each row; may be negative."""
+        """Number of values minus number of free quantities for each row; may be negative."""
         return self.value_counts - len(self.unknown)
 
     @property

@@ -2,8 +2,8 @@
 
 A reading in nominal pC is a voltage times the nominal capacitance of the electrode's channel in the
 scene's readout. It equals gain · signal + offset with the channel's gain and offset. The signal is
-either the total charge (``total``), or the change of the charge by the touch (``change``), as read
-by an amplifier that was zeroed before the touch.
+either the total charge (``total``), or the change of the charge due to the touch (``change``), as
+read by an amplifier that was zeroed before the touch.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Measurement:
         reading: str | None,
         unit: str = "pC",
     ) -> Measurement:
-        """Describe how some of a response's electrodes are read, from arguments and the readout.
+        """Make the measurement of some electrodes from arguments and the scene's readout.
 
         Parameters
         ----------
@@ -166,7 +166,7 @@ class Measurement:
         ----------
         readings_pC : ndarray, shape (n, electrodes)
             Readings in nominal pC (volts times the channel's nominal capacitance), one touch per
-            row.
+            row; NaN where missing.
         unknown : ndarray of int
             Columns of the free quantities, see `TouchColumn`.
         sides : ndarray of int, shape (n, electrodes), optional
@@ -177,7 +177,8 @@ class Measurement:
         -------
         LocationProblem
             The problem of total charges and their standard deviations, one row for each touch.
-            Charges with clipped readings are limits.
+            Charges with clipped readings are limits, and those without readings have limits at
+            minus infinity.
 
         Notes
         -----
@@ -188,11 +189,17 @@ class Measurement:
         if sides is None:
             sides = self.find_sides(readings_pC)
             readings_pC = self.limits_pC.replace_clipped(readings_pC, sides)
+        is_missing = ~np.isfinite(readings_pC) & (sides == 0)
+        readings_pC = np.where(is_missing, self.offsets_pC, readings_pC)
         charges = self.to_signals(readings_pC) + self.zero_pC
         response_error = self.response.error_bound / math.sqrt(3.0)
         variance = np.square(self.compute_noise(charges)) + np.square(response_error * charges)
         if self.reading == "change":
             variance += np.square(self.unloaded_errors_pC)
+        limit_sides = (sides * np.sign(self.gains)).astype(int)
+        charges[is_missing] = -np.inf
+        variance[is_missing] = 1.0
+        limit_sides[is_missing] = 1
         return LocationProblem(
             response=self.response,
             electrodes=self.electrodes,
@@ -201,7 +208,7 @@ class Measurement:
             unknown=unknown,
             stage=self.response.scene.stage or Stage(),
             reading=self.reading,
-            limit_sides=(sides * np.sign(self.gains)).astype(int) if sides.any() else None,
+            limit_sides=limit_sides if limit_sides.any() else None,
         )
 
     def list_alternatives(self) -> Iterator[AlternativeReading]:
@@ -248,7 +255,7 @@ def get_channel_values(scene: Scene) -> dict[str, ChannelValues]:
 
 
 def get_units_pC(scene: Scene, unit: str) -> dict[str, float]:
-    """Return by electrode how many nominal pC one unit of readings is: 1 for pC.
+    """Return the size of a unit of readings in nominal pC, by electrode; 1 for pC.
 
     An unknown unit counts as pC, so that it can be reported later with other mistakes.
     """

@@ -242,7 +242,7 @@ def _list_quantity_names(touches: int, unknown: Sequence[str]) -> tuple[str, ...
 
 
 def _choose_domain(scene: Scene, touches: int) -> Domain:
-    """Determine the domain that is common to all probes of a scene with a list of probes.
+    """Choose the domain that is common to all probes of a scene with a list of probes.
 
     The reach is the smallest one of all probes, and the range of forces is that of the first probe.
     """

@@ -47,9 +47,9 @@ def search_touches_by_solves(
 ) -> SearchResult:
     """Search for the touch of one probe, or of two simultaneous ones, by full solves.
 
-    Searches with coarse solves begin at the candidates with the lowest chi-square, and then beside
-    the best end point. Searches with fine solves continue from the distinct end points. All this is
-    repeated for the remaining candidates if no end point explains the charges.
+    Searches with coarse solves begin at the candidates with the lowest chi-square, and further ones
+    beside the best end point. Searches with fine solves continue from the distinct end points. If
+    no end point explains the charges, the same is done for the remaining candidates.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def search_touches_by_solves(
     coarse = _make_coarse_problem(problem, response, options)
     swapped_columns = response.swapped_columns
     candidates = []
-    for unheated in _make_unheated_problems(coarse):
+    for unheated in _fix_temperatures(coarse):
         candidates.append(
             _improve_superposition_candidates(unheated, response.scene_touch, options)
         )
@@ -94,7 +94,7 @@ def search_touches_by_solves(
 def _make_coarse_problem(
     problem: LocationProblem, response: SolvedResponse, options: LocateOptions
 ) -> LocationProblem:
-    """Return a copy of a problem with coarse solves and accordingly larger standard deviations.
+    """Return a copy of a problem with coarse solves and correspondingly larger deviations.
 
     Parameters
     ----------
@@ -163,8 +163,8 @@ def search_along_weak_direction(
     return ends
 
 
-def _make_unheated_problems(problem: LocationProblem) -> Iterator[LocationProblem]:
-    """Yield copies of a problem with fixed temperatures, for candidates by superposition.
+def _fix_temperatures(problem: LocationProblem) -> Iterator[LocationProblem]:
+    """Yield copies of a problem with fixed temperatures, to find candidates by superposition.
 
     The first problem has the charges of all electrodes. If a temperature is unknown, problems that
     omit one electrode each follow, since a warm probe above an electrode changes its charge most.
@@ -255,7 +255,7 @@ class _Superpositions(NamedTuple):
     """Combinations of single touches that are fitted to measured charges."""
 
     positions_mm: Array  #: Positions x, y of the probes on the film; shape (n, probes, 2).
-    #: Factors of the changes of the charges by the single touches; shape (n, probes).
+    #: Factors on the changes of the charges due to the single touches; shape (n, probes).
     amplitudes: Array
 
 
@@ -330,10 +330,11 @@ def _fit_superpositions(
 
     Notes
     -----
-    Let the rows of D be the changes of the charges by the single touches of a combination, divided
-    by the standard deviations of the charges, and q the measured change, divided likewise. The
+    Let the rows of D be the changes of the charges due to the single touches of a combination, and
+    q the measured change, both divided by the standard deviations of the charges. The
     amplitudes a that minimise |Dᵀa - q|² solve the normal equations DDᵀ a = D q, and the fit lowers
-    |q|² by (D q)ᵀa. A slight regularisation is added, since two single touches may be alike.
+    |q|² by (D q)ᵀa. A slight regularisation is added, since two single touches may have nearly the
+    same charges.
     """
     electrodes = problem.electrodes
     deviations = problem.deviations_pC[0]
@@ -342,10 +343,11 @@ def _fit_superpositions(
     changes = []
     for table in tables:
         changes.append(table.charges_pC[:, electrodes] - unloaded)
-    # Limits have no weight.
-    weights = np.where(problem.is_limit[0], 0.0, 1.0 / deviations)
-    whitened = np.concatenate(changes) * weights
-    measured = (problem.charges_pC[0] - unloaded) * weights
+    whitened = np.concatenate(changes) / deviations
+    measured = (problem.charges_pC[0] - unloaded) / deviations
+    is_limit = problem.is_limit[0]  # limits have no weight
+    whitened[:, is_limit] = 0.0
+    measured[is_limit] = 0.0
     combinations_of_rows = _list_combinations(tables)
     products = whitened @ whitened.T
     right_sides = (whitened @ measured)[combinations_of_rows]

@@ -17,8 +17,6 @@ from pvdf_fem.summary import Result, Summary
 SIGNIFICANCE = 1e-3
 #: A direction is determined if the domain along it is wider than this many standard deviations.
 DETERMINED_RATIO = 3.0
-#: Advice about readings at the end of the range of their channel.
-CLIPPED_ADVICE = "press lighter, or widen the range of the channels (readout.range_V)"
 
 
 def compute_p_values(chi_square: Array, degrees_of_freedom: int | Indices) -> Array:
@@ -140,7 +138,9 @@ class TouchStatus(StrEnum):
     CLIPPED = "clipped"
     #: No search converged: the charges fit no touch in the response's domain.
     NOT_FOUND = "no_touch_found"
-    NOT_FINITE = "not_finite"  #: A reading or a known quantity is NaN or infinite.
+    #: A known quantity is NaN or infinite, or so many readings are missing that the others are
+    #: fewer than unknown quantities.
+    NOT_FINITE = "not_finite"
     TOO_LARGE = "too_large"  #: A charge exceeds `MAX_READING_PC`.
     #: All charges are below `MIN_CHARGE_PC`, so that there is no touch; or one of them is, and has
     #: no standard deviation because its channel has no noise.

@@ -15,6 +15,7 @@ from pvdf_fem.readings.text.separators import (
     COMMENT_MARKERS,
     SEPARATOR_NAMES,
     drop_empty_end,
+    find_comment_text,
     split_cells,
 )
 
@@ -102,6 +103,7 @@ class _RowParser:
     def __init__(self, header: Header) -> None:
         self.separator = header.separator
         self.count = len(header.columns)
+        self.needed = header.needed
         self.number = 0
 
     def parse(self, lines: list[str]) -> list[Row]:
@@ -110,7 +112,7 @@ class _RowParser:
         separator = self.separator
         is_plain = separator != " "
         for line in lines:
-            if line.startswith(COMMENT_MARKERS):
+            if line.startswith(COMMENT_MARKERS) and find_comment_text(line) is not None:
                 continue
             self.number += 1
             if is_plain and '"' not in line:
@@ -119,6 +121,8 @@ class _RowParser:
                 cells = split_cells(line, separator)
             if len(cells) == self.count:
                 rows.append(Row(self.number, cells))
+            elif self.needed <= len(cells) < self.count:
+                rows.append(Row(self.number, cells + [""] * (self.count - len(cells))))
             else:
                 cells = drop_empty_end(cells, self.count)
                 rows.append(Row(self.number, cells, self._describe_defect(cells)))

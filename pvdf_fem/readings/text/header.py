@@ -54,10 +54,14 @@ class Header:
         The columns, with the units in the headings or in a row below them.
     separator : str
         Separator of the rows, one of `SEPARATORS`.
+    needed : int
+        Number of cells that a row must have. It is that of the first row if this lacks the last
+        columns, such as one for comments.
     """
 
     columns: tuple[Column, ...]
     separator: str
+    needed: int
 
 
 @dataclass(frozen=True)
@@ -84,25 +88,35 @@ class _Candidate:
     def find_row_separator(self, line: str) -> str | None:
         """Return the separator by which a line is a row below this header; None if it is not one.
 
-        Half of the cells in the columns with wanted names must be numbers. With its own separator a
-        header may have another number of cells than the row, which is then malformed.
+        A row has as many cells as the header, and all cells that are not empty are numbers, or half
+        of those in the columns with wanted names. With the separator of the header it may have
+        another number of cells, and is then malformed.
         """
         others = [separator for separator in SEPARATORS if separator != self.separator]
         for separator in (self.separator, *others):
             cells = split_cells(line, separator)
             has_all = len(cells) >= len(self.columns) >= len(drop_empty_end(cells))
-            if has_all and self._has_numbers(cells):
+            if has_all and (_has_only_numbers(cells) or self._has_numbers(cells)):
                 return separator
         if self._has_numbers(split_cells(line, self.separator)):
             return self.separator
         return None
+
+    def count_needed_cells(self, line: str, separator: str) -> int:
+        """Return the number of cells that rows must have, if a line is the first of them.
+
+        This is the number of columns, unless the line lacks only columns without a wanted name.
+        """
+        count = len(split_cells(line, separator))
+        lacks_wanted = any(index >= count for index in self.wanted)
+        return len(self.columns) if lacks_wanted else min(count, len(self.columns))
 
     def _has_numbers(self, cells: Sequence[str]) -> bool:
         """Return whether half of the cells in the columns with wanted names are numbers."""
         count = 0
         for index in self.wanted:
             if index < len(cells):
-                count += has_number(cells[index]) or is_clock_time(cells[index])
+                count += _is_number_or_time(cells[index])
         return 0 < len(self.wanted) <= 2 * count
 
 
@@ -142,7 +156,8 @@ class HeaderSearch:
             for candidate in self._rank_candidates():
                 separator = candidate.find_row_separator(line)
                 if separator is not None:
-                    return self._make_header(candidate, separator)
+                    needed = candidate.count_needed_cells(line, separator)
+                    return self._make_header(candidate, separator, needed)
             if self._is_row_of_numbers(line):
                 self.rows_without_header += 1
         possible_header = self._make_candidate(line)
@@ -157,14 +172,15 @@ class HeaderSearch:
         If no line has a wanted name, it is the last line before the first row of numbers.
         """
         for candidate in self._rank_candidates():
-            return self._make_header(candidate, candidate.separator)
+            return self._make_header(candidate, candidate.separator, len(candidate.columns))
         header_line = self._find_line_before_numbers()
         if header_line is None:
-            return Header((), ",")
+            return Header((), ",", needed=0)
         separator = max(self.separators, key=lambda each: len(split_cells(header_line, each)))
         index = self.lines.index(header_line)
         columns = _parse_columns(split_cells(header_line, separator))
-        return self._make_header(_Candidate(columns, separator, (), index), separator)
+        candidate = _Candidate(columns, separator, wanted=(), lines_before=index)
+        return self._make_header(candidate, separator, len(columns))
 
     def _rank_candidates(self) -> list[_Candidate]:
         """Return the candidates, those with most wanted names first, and later ones before."""
@@ -187,10 +203,19 @@ class HeaderSearch:
                 best = _Candidate(columns, separator, tuple(wanted), len(self.lines) - 1)
         return best
 
-    def _make_header(self, candidate: _Candidate, separator: str) -> Header:
+    def _make_header(self, candidate: _Candidate, separator: str, needed: int) -> Header:
         """Return a candidate as the header, with the units in a row below it.
 
         Only the lines of rows are kept.
+
+        Parameters
+        ----------
+        candidate : _Candidate
+            The header without units.
+        separator : str
+            Separator of the rows.
+        needed : int
+            Number of cells that a row must have.
         """
         columns = candidate.columns
         rows = self.lines[candidate.lines_before + 1 :]
@@ -201,15 +226,12 @@ class HeaderSearch:
                 del rows[index]
                 break
         self.lines = rows
-        return Header(columns, separator)
+        return Header(columns, separator, needed)
 
     def _is_row_of_numbers(self, line: str) -> bool:
         """Return whether a line has nothing but numbers between some separator."""
-        for separator in self.separators:
-            cells = [cell for cell in split_cells(line, separator) if cell.strip()]
-            if cells and all(has_number(cell) for cell in cells):
-                return True
-        return False
+        splits = [split_cells(line, separator) for separator in self.separators]
+        return any(_has_only_numbers(cells) for cells in splits)
 
     def _find_line_before_numbers(self) -> str | None:
         """Return the last line before the first row of numbers, or the first line of all."""
@@ -225,6 +247,17 @@ class HeaderSearch:
         for line in self.lines:
             if find_comment_text(line) is None:
                 yield line
+
+
+def _has_only_numbers(cells: Sequence[str]) -> bool:
+    """Return whether all cells that are not empty are numbers or times, and at least one is."""
+    given = [cell for cell in cells if cell.strip()]
+    return bool(given) and all(_is_number_or_time(cell) for cell in given)
+
+
+def _is_number_or_time(cell: str) -> bool:
+    """Return whether a cell has a number, a word in place of a number, a date or a time."""
+    return has_number(cell) or is_clock_time(cell)
 
 
 def _parse_columns(cells: list[str]) -> tuple[Column, ...]:

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, calibrate
+from pvdf_fem.inverse.calibration import reading_model
 from pvdf_fem.inverse.calibration.parameters import get_parameter, select_parameters
 from pvdf_fem.inverse.calibration.reading_model import ReadingModel
 from pvdf_fem.inverse.calibration.touch_table import read_touches
 from pvdf_fem.inverse.normal_equations import apply_robust_loss
+from tests.helpers import touched_sensor
 from tests.helpers.touched_sensor import (
     NAMES,
     SCENE,
@@ -314,3 +316,51 @@ def test_too_few_touches_and_touches_of_another_sensor_have_a_status():
 def test_wrong_arguments_are_rejected_before_any_solve(changes, arguments, key):
     with pytest.raises(ValueError, match=f"^{key}"):
         calibrate(SCENE.with_(**changes), {}, **arguments)
+
+
+IN_220_PF = {"feedback_capacitance_pF": 220.0, "reading": "change"}
+
+
+@pytest.mark.parametrize("sd", [0.0, 0.5])
+def test_readings_in_another_unit_than_the_default_are_used_and_said(sd):
+    """The default is V with a readout. Readings of hundreds in pC are not V."""
+    columns = make_columns(sigma=0.01, place_sd=sd)
+    scene = SCENE.with_(readout=IN_220_PF)
+    expected = calibrate(scene, columns, UNKNOWN, unit="pC", place_sd=sd)
+    found = calibrate(scene, columns, UNKNOWN, place_sd=sd)
+    assert found.fit.values == pytest.approx(expected.fit.values, rel=1e-6)
+    assert (found.to_json()["unit"], "in pC, not in V" in found.notes[0]) == ("pC", True)
+    in_volts = {name: columns[name] / 220.0 for name in NAMES}
+    assert calibrate(scene, columns | in_volts, UNKNOWN, place_sd=sd).notes == expected.notes
+    by_readout = scene.with_(**{"readout.unit": "pC"})
+    assert calibrate(by_readout, columns, UNKNOWN, place_sd=sd).notes == expected.notes
+
+
+@pytest.mark.parametrize(
+    ("readout", "unit", "factor", "words"),
+    [
+        (IN_220_PF, "V", 1.0, "in pC, not in V; give --unit pC"),
+        (IN_220_PF, "pC", 1 / 220.0, "in V, not in pC; give --unit V"),
+        (None, None, 1e-3, "in nC or V, not in pC; give --unit nC, or add a [readout]"),
+    ],
+)
+def test_a_wrong_unit_is_refused_after_three_solves(monkeypatch, readout, unit, factor, words):
+    solves = []
+
+    def solve(problem):
+        solves.append(problem)
+        return touched_sensor.solve_outputs(problem)
+
+    monkeypatch.setattr(reading_model, "solve_outputs", solve)
+    columns = make_columns(sigma=0.01)
+    columns |= {name: factor * columns[name] for name in NAMES}
+    result = calibrate(SCENE.with_(readout=readout), columns, UNKNOWN, unit=unit)
+    assert (result.status, words in result.reason, len(solves)) == ("wrong_unit", True, 3)
+    assert result.to_json()["status"] == "wrong_unit"
+
+
+def test_a_calibrated_sensor_reads_in_the_unit_of_its_touches(calibration):
+    """The nominal scene has no readout; another one keeps its own unit."""
+    assert calibration.scene.readout.unit == "pC"
+    wired = SCENE.with_(readout=IN_220_PF)
+    assert calibrate(wired, make_columns(sigma=0.01), UNKNOWN).scene.readout.unit == "V"
