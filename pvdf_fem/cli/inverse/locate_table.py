@@ -24,6 +24,7 @@ from pvdf_fem.cli.inverse.reading_table import (
     open_writer,
     to_plain,
 )
+from pvdf_fem.cli.inverse.recording_options import make_recording_options
 from pvdf_fem.cli.inverse.unit_option import choose_unit, require_valid_unit
 from pvdf_fem.cli.output import find_output_errors
 from pvdf_fem.cli.program import ExitCode, InputError
@@ -74,20 +75,29 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
     errors = find_output_errors(target, EXTENSIONS, Path(options.scene), source, options.model)
     if not {"x_mm", "y_mm"} <= set(request.unknown):
         errors.append("--unknown: x and y are always unknown in a table; name them")
+    given_options = make_recording_options(options, scene, errors)
     if errors:
         raise InputError(*errors)
+    recording_options = replace(given_options, needs_times=False, quantities=list(KNOWN))
     electrodes = [electrode.name for electrode in scene.electrode_list]
     counts = Counter[str]()
     mistakes = Counter[str]()
     clipped = Counter[str]()
     with ExitStack() as stack:
         input_format = choose_format(source, options.json)
-        table = open_readings(stack, source, input_format, electrodes, list(KNOWN))
+        table = open_readings(
+            stack,
+            source,
+            input_format,
+            electrodes,
+            list(KNOWN),
+            recording_options=recording_options,
+        )
         locator = _RowLocator(scene, request, options, table)
         write = open_writer(
             stack, target, choose_format(target, options.json), locator.output_columns
         )
-        line_count = _count_lines(source)
+        line_count = _count_lines(source if table.reopen else None)
         # no progress between rows on a terminal, nor for a pipe, whose length is unknown
         progress = options.progress if target and line_count else False
         show = stack.enter_context(show_progress("rows", progress))
