@@ -27,7 +27,8 @@ from pvdf_fem.inverse.calibration.fit import CalibrationFit, ReadingNoise
 from pvdf_fem.inverse.calibration.options import DEFAULTS, CalibrateOptions
 from pvdf_fem.inverse.calibration.parameters import select_parameters
 from pvdf_fem.inverse.calibration.reading_model import ReadingModel
-from pvdf_fem.inverse.calibration.touch_table import TouchesError, read_touches
+from pvdf_fem.inverse.calibration.touch_columns import TouchesError
+from pvdf_fem.inverse.calibration.touch_table import read_touches
 from pvdf_fem.inverse.calibration.unit_diagnosis import diagnose_unit
 from pvdf_fem.inverse.clipping import CLIPPED_ADVICE
 from pvdf_fem.inverse.reading_unit import OtherUnit
