@@ -85,14 +85,7 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
     clipped = Counter[str]()
     with ExitStack() as stack:
         input_format = choose_format(source, options.json)
-        table = open_readings(
-            stack,
-            source,
-            input_format,
-            electrodes,
-            list(KNOWN),
-            recording_options=recording_options,
-        )
+        table = open_readings(stack, source, input_format, electrodes, recording_options)
         locator = _RowLocator(scene, request, options, table)
         write = open_writer(
             stack, target, choose_format(target, options.json), locator.output_columns

@@ -32,9 +32,7 @@ def open_readings(
     source: Path | None,
     table_format: str,
     electrodes: Sequence[str],
-    quantities: Sequence[str] = (),
-    *,
-    recording_options: RecordingOptions,
+    options: RecordingOptions,
 ) -> Table:
     """Open a table of readings and read its header, or open the file of a logger.
 
@@ -51,10 +49,9 @@ def open_readings(
         Format of the table, one of `EXTENSIONS`.
     electrodes : sequence of str
         Names of the sensor's electrodes.
-    quantities : sequence of str
-        Names of other columns that the table may have, such as ``force_N``.
-    recording_options : RecordingOptions
-        Channels and the like of the file of a logger, which is recognised by its first bytes.
+    options : RecordingOptions
+        Names of further columns, such as ``force_N``; and channels and the like of the file of a
+        logger, which is recognised by its first bytes.
 
     Raises
     ------
@@ -62,12 +59,12 @@ def open_readings(
         If the file cannot be read, or is neither a table nor the file of a logger.
     """
     if source is not None:
-        recording = open_recording(source, stack, electrodes, recording_options)
+        recording = open_recording(source, stack, electrodes, options)
         if recording is not None:
             stack.callback(_print_notes, recording, len(recording.notes))
             _print_notes(recording, 0)
             return make_table(recording)
-    has_name = make_name_test([*electrodes, *quantities])
+    has_name = make_name_test([*electrodes, *options.quantities])
 
     def is_wanted(column: Column) -> bool:
         return has_name(column) or is_time_column(column)

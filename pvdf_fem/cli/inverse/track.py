@@ -143,13 +143,8 @@ def run(options: argparse.Namespace) -> int:
     electrodes = [electrode.name for electrode in scene.electrode_list]
     source = None if options.signals == "-" else Path(options.signals)
     with ExitStack() as stack:
-        table = open_readings(
-            stack,
-            source,
-            choose_format(source, False),
-            electrodes,
-            recording_options=recording_options,
-        )
+        table_format = choose_format(source, False)
+        table = open_readings(stack, source, table_format, electrodes, recording_options)
         columns, unit = choose_electrode_columns(table, electrodes, unit)
         require_valid_unit(scene, unit, table.name)
         times = _choose_time_column(table)
