@@ -139,7 +139,7 @@ def _find_missing_column_errors(
     """
     missing = [name for name in needed if name not in columns]
     for name in missing:
-        yield f"column {name}: missing; give {', '.join(needed)}"
+        yield f"column {name}: is missing; add it (required are {', '.join(needed)})"
     if missing:
         for heading in unused:
             advice = f"remove or rename it: {suggest(heading, missing)}"

@@ -140,13 +140,15 @@ class TouchTable:
 
 def _describe_clipped(clipped: Sequence[ClippedReading], unit: str) -> Iterator[str]:
     """Yield a note for each electrode with clipped readings, with their rows and limits."""
-    rows: dict[tuple[str, float], list[str]] = {}
+    rows: dict[tuple[str, float, int], list[str]] = {}
     for reading in clipped:
-        rows.setdefault((reading.electrode, reading.limit), []).append(str(reading.row))
-    for (electrode, limit), numbers in sorted(rows.items()):
+        end = (reading.electrode, reading.limit, reading.side)
+        rows.setdefault(end, []).append(str(reading.row))
+    for (electrode, limit, side), numbers in sorted(rows.items()):
         place = f"row{'' if len(numbers) == 1 else 's'} {', '.join(numbers)}"
-        reason = f"{electrode} is clipped at {limit:.6g} {unit}"
-        yield f"{place}: {reason}; the reading is left out; {CLIPPED_ADVICE}"
+        beyond = "or more" if side > 0 else "or less"
+        reason = f"{electrode} is clipped ({limit:.6g} {unit} {beyond})"
+        yield f"{place}: {reason}, and left out; {CLIPPED_ADVICE}"
 
 
 def read_touches(source: Any, scene: Scene, unit: str | None = None) -> TouchTable:
@@ -225,7 +227,8 @@ def _find_value_errors(table: TouchTable, electrodes: Sequence[str]) -> Iterator
     With fewer than two touches, yield only a message that says so.
     """
     if len(table) < 2:
-        yield f"touches: {len(table)} complete rows; give more touches than unknown parameters"
+        rows = "1 complete row" if len(table) else "no complete row"
+        yield f"touches: {rows}; give more touches than unknown parameters"
         return
     for name, column in zip(electrodes, table.readings.T, strict=True):
         measured = column[np.isfinite(column)]
