@@ -19,6 +19,7 @@ from pvdf_fem.cli.inverse.reading_table import (
     EXTENSIONS,
     MAX_MALFORMED,
     choose_electrode_columns,
+    count_lines,
     describe_words,
     open_readings,
     open_writer,
@@ -90,7 +91,7 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
         write = open_writer(
             stack, target, choose_format(target, options.json), locator.output_columns
         )
-        line_count = _count_lines(source if table.reopen else None)
+        line_count = count_lines(source if table.reopen else None)
         # no progress between rows on a terminal, nor for a pipe, whose length is unknown
         progress = options.progress if target and line_count else False
         show = stack.enter_context(show_progress("rows", progress))
@@ -376,14 +377,6 @@ def _make_malformed_row_cells(columns: Iterable[str], reason: str) -> dict[str, 
 def _list_mistakes(remark: str) -> list[str]:
     """Return the parts of a remark that describe a mistake in the readings."""
     return [part for part in remark.split("; ") if part.startswith(MISTAKE_PREFIX)]
-
-
-def _count_lines(source: Path | None) -> int:
-    """Count the lines of a file; 0 for standard input, whose length is unknown."""
-    if source is None:
-        return 0
-    with source.open("rb") as file:
-        return sum(1 for _ in file)
 
 
 def _print_clipped(

@@ -78,6 +78,14 @@ def _print_notes(recording: Recording, first: int) -> None:
         print(f"{recording.name}: {note}", file=sys.stderr, flush=True)
 
 
+def count_lines(source: Path | None) -> int:
+    """Count the lines of a file; 0 for standard input, whose length is unknown."""
+    if source is None:
+        return 0
+    with source.open("rb") as file:
+        return sum(1 for _ in file)
+
+
 def choose_electrode_columns(
     table: Table, electrodes: Sequence[str], unit: str | None
 ) -> tuple[dict[str, ChosenColumn], str | None]:
