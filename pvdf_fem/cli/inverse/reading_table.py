@@ -69,7 +69,10 @@ def open_readings(
     def is_wanted(column: Column) -> bool:
         return has_name(column) or is_time_column(column)
 
-    return open_table(stack, source, table_format, is_wanted)
+    table = open_table(stack, source, table_format, is_wanted)
+    for note in table.notes:
+        print(f"{table.name}: {note}", file=sys.stderr)
+    return table
 
 
 def _print_notes(recording: Recording, first: int) -> None:
