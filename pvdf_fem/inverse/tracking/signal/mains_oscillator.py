@@ -88,6 +88,11 @@ class MainsOscillator:
         self._last_innovation: Phasors | None = None
 
     @property
+    def _prior_angular_variance(self) -> float:
+        """Variance of the angular frequency about its nominal value, before any data."""
+        return (0.5 * math.pi * self.drift.max_deviation_Hz) ** 2
+
+    @property
     def has_lost_phase(self) -> bool:
         """Whether the phase is so uncertain that the next update has to restart it."""
         return self._phase_variance > LOST_PHASE_RAD**2
@@ -151,7 +156,7 @@ class MainsOscillator:
         information = np.square(self.harmonics) * power
         elapsed = fits.times_s - combined.time_s
         normal = float(np.square(elapsed) @ information.sum(axis=1))
-        prior = (0.5 * math.pi * self.drift.max_deviation_Hz) ** 2
+        prior = self._prior_angular_variance
         deviation = 2.0 * math.pi * (self.frequency_Hz - self.nominal_Hz)
         gradient = float(elapsed @ (rotation * information).sum(axis=1)) - deviation / prior
         self._angular_variance = 1.0 / (normal + 1.0 / prior)
@@ -166,7 +171,9 @@ class MainsOscillator:
         walk = (2.0 * math.pi * self.drift.frequency_walk_Hz) ** 2
         self._phase_variance = self.predict_phase_variance(time_s)
         self._covariance += step * self._angular_variance + walk * step * abs(step) / 2.0
-        self._angular_variance += walk * abs(step)
+        self._angular_variance = min(
+            self._angular_variance + walk * abs(step), self._prior_angular_variance
+        )
         relative_walk = self.drift.relative_phasor_walk**2 * abs(step)
         self.variance = self.variance + relative_walk * square_abs(self.phasors)
         phase = self.phase_rad + 2.0 * math.pi * self.frequency_Hz * step
