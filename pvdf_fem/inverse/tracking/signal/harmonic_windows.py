@@ -282,10 +282,10 @@ def _make_design(time_s: Array, phase_rad: Array, plan: WindowPlan) -> Array:
     # Successive powers of exp(i φ) cost a tenth of the cosines and sines of all multiples.
     powers = np.empty((len(phase_rad), harmonics[-1]), dtype=complex)
     powers[:] = np.exp(1j * phase_rad)[:, None]
-    rotations = np.cumprod(powers, axis=1)[:, harmonics - 1]
+    columns: Phasors = np.multiply.accumulate(powers, axis=1)[:, harmonics - 1]
     if plan.decimation > 1:
-        rotations = rotations * plan.gains
-    rotations = rotations.reshape(*time_s.shape, -1)
+        columns = columns * plan.gains
+    rotations = columns.reshape(*time_s.shape, -1)
     design[..., first:middle] = rotations.real
     design[..., middle:] = rotations.imag
     return design

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +72,7 @@ def search_hum(
     Returns
     -------
     HumSearch
-        With the significance 0 if there are less than three windows.
+        With the significance 0 and an infinite variance if there are less than three windows.
 
     Notes
     -----
@@ -86,7 +87,7 @@ def search_hum(
         channel_count=channel_count,
         drift=drift,
     )
-    noise_variance = np.full(channel_count, MIN_VARIANCE_V2)
+    noise_variance = np.full(channel_count, math.inf)
     if len(times_s) < MIN_WINDOWS * plan.window_samples * plan.decimation:
         return HumSearch(oscillator, 0.0, agreeing_fraction=0.0, noise_variance=noise_variance)
     for relative_spread in RELATIVE_SPREADS:

@@ -180,7 +180,7 @@ class MainsOscillator:
         self.phase_rad = math.remainder(phase, 2.0 * math.pi)
         self.time_s = time_s
 
-    def update(self, combined: CombinedPhasors) -> bool:
+    def update(self, combined: CombinedPhasors) -> float:
         """Update phase, frequency and phasors by the phasors of new windows.
 
         Parameters
@@ -190,23 +190,25 @@ class MainsOscillator:
 
         Returns
         -------
-        bool
-            Whether the phasors agree with the prediction, as far as there are any.
+        float
+            Change of the phasors relative to their absolute values; 0 if no window counts.
         """
         if combined.weights.sum(axis=0).max() < MIN_WINDOWS:
-            return True
+            return 0.0
         self.move_to(combined.time_s)
         if self.has_lost_phase:
             self.phasors = combined.phasors
             self.variance = combined.variance
             self._phase_variance = 0.0
             self._covariance = 0.0
-            return True
+            return 0.0
         innovation = combined.phasors - self.phasors
         is_jump = self._detect_jump(innovation, combined)
         rotated = combined.phasors * self._update_phase(innovation, combined)
         self._update_phasors(rotated, combined.variance, is_jump)
-        return not is_jump.any()
+        change = (square_abs(innovation) / combined.variance).sum()
+        total = (square_abs(combined.phasors) / combined.variance).sum()
+        return math.sqrt(change / max(total, 1e-300))
 
     def lose_phase(self) -> None:
         """Make the phase unknown, as after a step of the clock."""
