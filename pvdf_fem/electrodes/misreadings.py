@@ -68,7 +68,7 @@ def list_misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misread
     for order in _list_wrong_channel_orders(len(channels)):
         text = _describe_order(names, order)
         yield Misreading("swapped_channels", text, order=order, factors=ones)
-    for units, ratio in _list_unit_ratios(channels, unit):
+    for units, ratio in list_unit_ratios(channels, unit):
         text = f"readings are in {' or '.join(units)}, not in {unit}"
         yield Misreading("wrong_unit", text, order=same_order, factors=ratio)
     yield Misreading("wrong_sign", "readings have the wrong sign", order=same_order, factors=-ones)
@@ -93,7 +93,7 @@ def _describe_order(names: Sequence[str], order: Sequence[int]) -> str:
     return text
 
 
-def _list_unit_ratios(channels: Sequence[Channel], unit: str) -> Iterator[tuple[list[str], Array]]:
+def list_unit_ratios(channels: Sequence[Channel], unit: str) -> Iterator[tuple[list[str], Array]]:
     """Yield the units whose size differs from that of a given unit, grouped by size.
 
     Yields

@@ -201,7 +201,8 @@ def _measure_extreme(heights: Array) -> _Extreme:
     """
     value = heights.max(initial=0.0)
     others = np.sort(heights[heights < value])[-MAX_OTHERS:]
-    if value <= 0.0 or len(others) < MIN_OTHERS:
+    round_off = 1e-9 * np.abs(heights).max(initial=0.0)
+    if value <= round_off or len(others) < MIN_OTHERS:
         return _Extreme(0.0, repeats=0, chance=1.0, spacing=1.0)
     distinct = np.unique(others)
     repeats = int((heights == value).sum())

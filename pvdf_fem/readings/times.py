@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from datetime import date
+from typing import NamedTuple
 
 from pvdf_fem.readings.text.numbers import MAX_QUOTED, CellError, NumberReader, read_word
 
@@ -17,7 +18,7 @@ TIME_NAMES = (
 SECONDS_PER_DAY = 86400.0
 
 _TIME_OF_DAY = (
-    r"(?P<hour>[0-9]{1,2}):(?P<minute>[0-9]{2})(?::(?P<second>[0-9]{2})(?P<fraction>[.,][0-9]+)?)?"
+    r"(?P<hour>[0-9]{1,2}):(?P<minute>[0-9]{2})(?::(?P<second>[0-9]{2})(?P<fraction>[.,:][0-9]+)?)?"
     r"\s*(?P<half>[AaPp][Mm])?\s*(?P<zone>[Zz]|UTC|[+-][0-9]{2}:?[0-9]{2})?"
 )
 _DATE = r"(?P<date>[0-9]{1,4}(?P<mark>[-./])[0-9]{1,2}(?P=mark)(?:[0-9]{4}|[0-9]{1,2}))"
@@ -72,9 +73,9 @@ class ClockTimes:
     """
 
     def __init__(self) -> None:
-        self.first_s: float | None = None
+        self.first: _Moment | None = None
         self.last_s = 0.0
-        self.days = 0
+        self.days = 0  #: Number of days, or of midnights since the first time without a date.
 
     def read(self, cell: str) -> float:
         """Return the time in a cell in s since the first one; NaN if it is missing."""
@@ -86,15 +87,22 @@ class ClockTimes:
             raise CellError(f"{text[:MAX_QUOTED]!r} is not a time; write it as the rows before")
         time_s = _read_time_of_day(match)
         if match["date"]:
-            time_s += SECONDS_PER_DAY * _count_days(match["date"], match["mark"])
-        else:
-            if time_s < self.last_s - SECONDS_PER_DAY / 2.0:
-                self.days += 1
-            self.last_s = time_s
-            time_s += SECONDS_PER_DAY * self.days
-        if self.first_s is None:
-            self.first_s = time_s
-        return round(time_s - self.first_s, 9)
+            self.days = _count_days(match["date"], match["mark"])
+        elif time_s < self.last_s - SECONDS_PER_DAY / 2.0:
+            self.days += 1
+        self.last_s = time_s
+        if self.first is None:
+            self.first = _Moment(self.days, time_s)
+        days = self.days - self.first.day
+        # The last digits are those of a time of day, not of the binary difference.
+        return round(SECONDS_PER_DAY * days + (time_s - self.first.time_s), 9)
+
+
+class _Moment(NamedTuple):
+    """A day and a time of day, kept apart since a double has not enough digits for both."""
+
+    day: int
+    time_s: float
 
 
 def _read_time_of_day(match: re.Match[str]) -> float:

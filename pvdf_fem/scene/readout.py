@@ -133,9 +133,9 @@ Uncertain = Annotated[dict[str, Any], BeforeValidator(flatten), AfterValidator(_
 class Readout(Section):
     """The amplifiers that read the electrodes.
 
-    All values except `reading`, `channels`, `mains_Hz` and `settling_s` are either common to all
-    electrodes or tables by electrode, such as ``gain = { A = 1.02, B = 0.97 }``. Electrodes that
-    are not in a table have the default.
+    All values except `reading`, `unit`, `channels`, `mains_Hz` and `settling_s` are either common
+    to all electrodes or tables by electrode, such as ``gain = { A = 1.02, B = 0.97 }``. Electrodes
+    that are not in a table have the default.
     """
 
     kind: ByChannel[Literal["charge", "voltage"]] = "charge"
@@ -197,6 +197,9 @@ class Readout(Section):
     reading: Literal["change", "total"] = "change"
     """change: readings measure the change of the charge relative to the unloaded film. total:
     readings measure the total charge."""
+    unit: Literal["V", "mV", "µV", "pC", "fC", "nC", "µC", "C"] = "V"
+    """Unit of the readings in files and streams that do not state it themselves. A reading in pC is
+    the one in V times the nominal capacitance in pF."""
 
     @model_serializer(mode="wrap")
     def _omit_defaults(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from pvdf_fem.solver.history import Stop
 from pvdf_fem.solver.mesh_level import SAFETY
 from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.solver.solution import Solution
+from pvdf_fem.solver.solution import Solution, _discard_values_with_nan
 from pvdf_fem.summary import format_with_error
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, charges, on_mesh, values
 
@@ -214,3 +214,8 @@ def test_names_of_a_scene_are_escaped_in_a_notebook():
 )
 def test_values_end_with_the_second_digit_of_their_error(value, error, text):
     assert format_with_error(value, error) == text
+
+
+def test_values_of_which_one_is_not_a_number_are_left_out_of_json():
+    assert _discard_values_with_nan({"A": 1.0, "B": float("nan")}) is None
+    assert _discard_values_with_nan({"A": 1.0, "B": 2.0}) == {"A": 1.0, "B": 2.0}

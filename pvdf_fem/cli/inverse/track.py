@@ -22,6 +22,12 @@ from pvdf_fem.cli.inverse.reading_table import (
     open_writer,
     to_plain,
 )
+from pvdf_fem.cli.inverse.recording_options import add_recording_options, make_recording_options
+from pvdf_fem.cli.inverse.unit_option import (
+    add_unit_option,
+    parse_unit_option,
+    require_valid_unit,
+)
 from pvdf_fem.cli.options import add_scene_command, add_text_option, read_scene
 from pvdf_fem.cli.program import ExitCode, InputError, convert_value_errors
 from pvdf_fem.cli.response_choice import (
@@ -44,7 +50,8 @@ STATUSES_WITHOUT_TOUCH = ("", "quiet", "settling")
 DOUBTFUL_STATUSES = ("too_strong", "unexplained")
 
 _DESCRIPTION = """\
-Follow touches in sampled readings of the scene's channels ([readout]): when they
+Follow touches in sampled readings of the scene's channels, in V if the scene has a
+[readout], and in pC if not, unless readout.unit or --unit says otherwise: when they
 begin and end, where they are (on the [stage]) and their force, with standard
 deviations. Charge that is lost through resistances is integrated and added again;
 offsets and slow drifts are followed while nothing touches.
@@ -55,6 +62,10 @@ answered at once by a row of CSV, and each touch that has ended by a line on sta
 error. Tables are read as instruments and spreadsheets write them, with any separator,
 decimal commas, header blocks and units. An empty cell, nan or a word such as OVER is
 a missing reading; other columns are ignored.
+
+The files of loggers are read as well, with times, rate and units as they have them:
+TDMS, LVM, XDF, MCAP, ROS 2 bags, HDF5, MATLAB, WAV and Parquet. Their packages come
+by: pip install "pvdf-fem[loggers]".
 
 A response is needed, as for `locate`: the first call builds it, says how long that
 takes, and stores it beside the scene file."""
@@ -76,6 +87,8 @@ status of a row, and of a touch that has ended:
 examples:
   pvdf-fem track sensor.toml signals.csv > rows.csv
   my-logger | pvdf-fem track sensor.toml - --json
+  pvdf-fem track sensor.toml recording.tdms --channels A=Group/ai0,B=Group/ai1 > rows.csv
+  pvdf-fem track sensor.toml recording.wav --full-scale 2.5 > rows.csv
 
 exit codes: 0 done, 2 bad input, or no row that can be used"""
 
@@ -91,11 +104,10 @@ def add_parser(commands: Any) -> None:
         epilog=_EPILOG,
         json_help="print a JSON object for each row and touch",
     )
-    parser.add_argument("signals", metavar="SIGNALS.csv", help="readings, or - for standard input")
-    parser.add_argument(
-        "--unit", choices=["V", "pC"], default="V", help="unit of the readings (default: V)"
-    )
+    parser.add_argument("signals", metavar="SIGNALS", help="readings, or - for standard input")
+    add_unit_option(parser, is_tested=False)
     add_text_option(parser, "--unknown", "NAMES", about=UNKNOWN_HELP, default="x,y,force")
+    add_recording_options(parser)
     add_response_options(parser)
 
 
@@ -109,6 +121,7 @@ def run(options: argparse.Namespace) -> int:
         errors.
     """
     scene = read_scene(options)
+    from pvdf_fem.electrodes.channel import find_unit_errors
     from pvdf_fem.inverse.tracking.tracker import Tracker
     from pvdf_fem.problem.problem import Problem
     from pvdf_fem.solver.adaptive import compute_unloaded_integrals
@@ -120,8 +133,9 @@ def run(options: argparse.Namespace) -> int:
         errors.append("--unknown: the force of a touch is always unknown; name it")
     if scene.single_probe is None:
         errors.append(f"{options.scene}: has no [probe]; add one")
-    if options.unit == "V" and scene.readout is None:
-        errors.append(f"--unit V: {options.scene} has no [readout]; add one, or give pC")
+    unit = parse_unit_option(options.unit)
+    errors += find_unit_errors(scene, unit, "--unit")
+    recording_options = make_recording_options(options, scene, errors)
     if errors:
         raise InputError(*errors)
     # This raises an error if the film has no unloaded equilibrium, before a response is built.
@@ -129,17 +143,19 @@ def run(options: argparse.Namespace) -> int:
     electrodes = [electrode.name for electrode in scene.electrode_list]
     source = None if options.signals == "-" else Path(options.signals)
     with ExitStack() as stack:
-        table = open_readings(stack, source, choose_format(source, False), electrodes)
-        columns, unit = choose_electrode_columns(table, electrodes, options.unit)
+        table_format = choose_format(source, False)
+        table = open_readings(stack, source, table_format, electrodes, recording_options)
+        columns, unit = choose_electrode_columns(table, electrodes, unit)
+        require_valid_unit(scene, unit, table.name)
         times = _choose_time_column(table)
         errors = choice.find_errors(scene, options.scene)
         if errors:
             raise InputError(*errors)
         response = load_or_build_response(scene, options.scene, choice)
         with convert_value_errors():
-            tracker = Tracker(response, unknown=unknown, unit=unit or options.unit)
+            tracker = Tracker(response, unknown=unknown, unit=unit)
         numbers = NumberColumns(table, [times, *columns.values()])
-        session = _Session(tracker, numbers, list(columns), options, stack)
+        session = _Session(tracker, numbers, list(columns), options, stack, unit=unit)
         for batch in table.batches:
             session.process(batch)
     return session.finish()
@@ -170,6 +186,8 @@ class _Session:
         Options of the command.
     stack : ExitStack
         Context in which rows are written.
+    unit : str or None
+        Unit of the readings; None for that of the readout.
     """
 
     def __init__(
@@ -179,7 +197,9 @@ class _Session:
         electrodes: Sequence[str],
         options: argparse.Namespace,
         stack: ExitStack,
+        unit: str | None,
     ) -> None:
+        from pvdf_fem.electrodes.channel import get_reading_unit
         from pvdf_fem.inverse.tracking.results import TrackRow
 
         self.tracker = tracker
@@ -187,7 +207,8 @@ class _Session:
         self.electrodes = tuple(electrodes)
         self.name = numbers.table.name
         self.as_json = options.json
-        self.unit_doubt = f"; are the readings in {options.unit}, as --unit says?"
+        unit = unit or get_reading_unit(tracker.response.scene)
+        self.unit_doubt = f"; are the readings in {unit}? If not, give --unit"
         columns = [field.name for field in fields(TrackRow)]
         self.write = open_writer(stack, None, ".jsonl" if options.json else ".csv", columns)
         self.rows = 0

@@ -53,7 +53,11 @@ class Calibration(Result):
         """
         if not self.is_calibrated:
             raise ValueError(f"{self.status}: {self.reason}")
-        scene = self.fit.model.parameters.apply(self.fit.values, self.fit.model.reading)
+        model = self.fit.model
+        scene = model.parameters.apply(self.fit.values, model.reading)
+        if model.parameters.scene.readout is None:
+            # Later readings of the same instrument are then in the unit of these.
+            scene = scene.with_(**{"readout.unit": model.unit})
         deviations = {}
         for key in scene.uncertain or ():
             names = expand_pair_key(key, self.parameters)

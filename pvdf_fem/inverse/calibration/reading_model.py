@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from pvdf_fem.arrays import Array, Mask
-from pvdf_fem.electrodes.channel import Channel, make_channels
+from pvdf_fem.electrodes.channel import Channel, list_units_pC, make_channels
 from pvdf_fem.inverse.calibration.options import DEFAULTS, CalibrateOptions
 from pvdf_fem.inverse.calibration.parameters import (
     GAIN,
@@ -64,7 +64,7 @@ class ReadingModel:
     parameters: CalibrationParameters
     table: TouchTable
     reading: str  #: Meaning of the readings, ``change`` or ``total`` charges.
-    unit: str  #: Unit of the readings, ``V`` or ``pC``.
+    unit: str  #: Unit of the readings, of `READING_UNITS`.
     tolerance: float  #: Default tolerance of the solves.
     options: CalibrateOptions = DEFAULTS
     #: Reasons why touches could not be solved, by index.
@@ -105,12 +105,22 @@ class ReadingModel:
         """
         other = replace(self, table=table, reading=reading, failures={})
         if np.array_equal(table.probe_loads, self.table.probe_loads):
-            other.solved_at = self.solved_at.copy()
-            other.integrals = self.integrals.copy()
-            other.unloaded_integrals = self.unloaded_integrals.copy()
-            other.charge_errors = self.charge_errors.copy()
+            other._copy_solves(self)
             other.failures = dict(self.failures)
         return other
+
+    def with_unit(self, unit: str) -> ReadingModel:
+        """Return a model of the same touches, with copies of the solves, for another unit."""
+        other = replace(self, unit=unit, failures=dict(self.failures))
+        other._copy_solves(self)
+        return other
+
+    def _copy_solves(self, other: ReadingModel) -> None:
+        """Copy the solves of another model, whose probe loads are the same."""
+        self.solved_at = other.solved_at.copy()
+        self.integrals = other.integrals.copy()
+        self.unloaded_integrals = other.unloaded_integrals.copy()
+        self.charge_errors = other.charge_errors.copy()
 
     def leave_out_clipped(self) -> ReadingModel:
         """Return a model without clipped readings, see `TouchTable.leave_out_clipped`.
@@ -316,10 +326,10 @@ class ReadingModel:
         gain = self._extract_parameters([GAIN + name for name in names], values)
         offset = self._extract_parameters([OFFSET + name for name in names], values)
         capacitance_pF = np.array([1e12 * channel.capacitance for channel in self.channels])
+        units_per_pC = 1.0 / list_units_pC(self.channels)[self.unit]
         # Readings in nominal pC are readings in V times the capacitance.
-        units_per_volt = capacitance_pF if self.unit == "pC" else np.ones(len(names))
+        units_per_volt = capacitance_pF * units_per_pC
         charges_pC = (stress_integrals * coefficients[..., None, :]).sum(axis=-1)
-        units_per_pC = units_per_volt / capacitance_pF
         return np.asarray(units_per_pC * gain * charges_pC + units_per_volt * offset)
 
     def _extract_parameters(self, keys: tuple[str, ...] | list[str], values: Array) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.electrodes.channel import get_reading_unit
 from pvdf_fem.inverse.clipping import ReadingLimits, find_plateaus
 from pvdf_fem.inverse.least_squares import SearchOptions, SearchResult, concatenate_results
 from pvdf_fem.inverse.touch.location import Location
@@ -46,7 +47,7 @@ def locate_many(
     forces_N: ArrayLike | None = None,
     noise_pC: Deviations | None = None,
     reading: str | None = None,
-    unit: str = "pC",
+    unit: str | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
     calibrated: bool = False,
 ) -> Touches:
@@ -101,6 +102,8 @@ def locate_many(
     response = as_response(response)
     columns = _read_columns(response, readings)
     calibrated = coerce("calibrated", calibrated, bool)
+    if unit is None:
+        unit = get_reading_unit(response.scene)
     errors = list(
         find_reading_errors(
             response.scene,
@@ -324,7 +327,8 @@ def _read_columns(
         names = tuple(response.names)
         rows = _convert_values_to_floats(readings, "readings")
         if rows.ndim != 2 or rows.shape[1] != len(names):
-            raise ValueError(f"readings of shape {rows.shape}: must be (n, {len(names)})")
+            reason = f"must be (rows, {len(names)}), a column for each electrode"
+            raise ValueError(f"readings of shape {rows.shape}: {reason}")
         return _ReadingColumns(names, rows)
     by_name: Any = readings  # a mapping or a DataFrame, which has keys, too
     columns = {

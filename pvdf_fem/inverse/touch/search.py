@@ -311,14 +311,13 @@ def find_distinct_ends(
     ranking = ends.ranking
     rotations = slice_quantity(problem.response, TouchColumn.ROTATION)
     order = ranking.argsort(kind="stable")
-    rows = order[ranking[order] <= ranking.min() + options.max_excess]
+    lowest = ranking.min(initial=np.inf)  # infinite if no search was made
+    rows = order[ranking[order] <= lowest + options.max_excess]
     rows = rows[ends.converged[rows]]
     distinct = []
     while len(rows):
-        best = rows[0]
+        best, rows = rows[0], rows[1:]
         distinct.append(best)
-        if len(rows) == 1:
-            break
         differences = problem.compute_differences(ends.coordinates[rows], ends.coordinates[best])
         change = np.square(differences @ ends.jacobian[best].T).sum(axis=1)
         is_duplicate = change < options.duplicate_chi_square

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import Channel
+from pvdf_fem.electrodes.channel import CHARGE_UNITS_PC, VOLTAGE_UNITS_V, Channel
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,15 +40,19 @@ class ReadoutCircuit:
         ----------
         readings : ndarray, shape (electrodes,)
             Readings of the channels.
-        unit : {"V", "pC"}
-            Unit of the readings. Readings in nominal pC are readings in V times the capacitance.
+        unit : str
+            Unit of the readings, of `READING_UNITS`. Readings in nominal pC are readings in V times
+            the capacitance.
 
         Returns
         -------
         ndarray, shape (electrodes,)
             Voltages in V.
         """
-        readings_V = readings / self.capacitance if unit == "pC" else readings
+        if unit in VOLTAGE_UNITS_V:
+            readings_V = VOLTAGE_UNITS_V[unit] * readings
+        else:
+            readings_V = CHARGE_UNITS_PC[unit] * readings / self.capacitance
         return (readings_V - self.offset) / self.gain
 
     def compute_decay(self, duration_s: float | Array) -> Array:

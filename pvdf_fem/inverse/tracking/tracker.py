@@ -16,7 +16,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import make_channels
+from pvdf_fem.electrodes.channel import find_unit_errors, get_reading_unit, make_channels
 from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE, get_scene_quantities
 from pvdf_fem.inverse.touch.measurement import get_centre_mm
 from pvdf_fem.inverse.touch.validation import find_quantity_errors
@@ -33,8 +33,6 @@ from pvdf_fem.scene.scene_file import suggest
 from pvdf_fem.surrogate.charge_function import ChargeFunction, find_rotation_period_deg
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
-UNITS = ("V", "pC")  #: Units of readings.
-
 
 class Tracker:
     """Tracker of touches in a stream of readings.
@@ -46,8 +44,9 @@ class Tracker:
     unknown : sequence of str
         Quantities to find, from ``x_mm``, ``y_mm``, ``rotation_deg`` and ``force_N``. The force is
         required; the other quantities are fixed at the values of the scene if they are left out.
-    unit : {"V", "pC"}
-        Unit of the readings. Readings in nominal pC are readings in V times the capacitance.
+    unit : str, optional
+        Unit of the readings, of `READING_UNITS`. Default: ``readout.unit``, which is V unless the
+        scene says otherwise, or pC without a readout.
     options : TrackOptions
         Thresholds to detect, locate and end contacts.
 
@@ -74,7 +73,7 @@ class Tracker:
         response: ChargeFunction,
         *,
         unknown: Sequence[str] = POSITION_AND_FORCE,
-        unit: str = "V",
+        unit: str | None = None,
         options: TrackOptions = DEFAULTS,
     ) -> None:
         self.response = as_response(response)
@@ -93,8 +92,7 @@ class Tracker:
         )
         if "force_N" not in unknown:
             errors.append("unknown: force_N is missing; add it, it is always unknown")
-        if unit not in UNITS:
-            errors.append(f"unit = {unit}: choose from {', '.join(UNITS)}")
+        errors += find_unit_errors(scene, unit)
         if errors:
             raise ValueError("\n".join(errors))
         # Coordinates of the contact problem are relative to the film's centre.
@@ -104,7 +102,7 @@ class Tracker:
                 fixed[index] = scene_values[name] - origin[index]
 
         self.touches: list[TouchSummary] = []
-        self._unit = unit
+        self._unit = get_reading_unit(scene) if unit is None else unit
         self._options = options
         self._circuit = ReadoutCircuit.from_channels(make_channels(scene))
         self._problem = ContactProblem.from_response(self.response, fixed, options)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 from pvdf_fem.readings.columns import Column, add_units, parse_heading, parse_unit_row
-from pvdf_fem.readings.text.numbers import has_number
+from pvdf_fem.readings.text.numbers import MAX_QUOTED, has_number
 from pvdf_fem.readings.text.separators import (
     SEPARATORS,
     drop_empty_end,
@@ -15,12 +16,16 @@ from pvdf_fem.readings.text.separators import (
     split_cells,
 )
 from pvdf_fem.readings.times import is_clock_time
+from pvdf_fem.readings.units import Unit
 
 #: Maximum number of lines in which the header is searched, and of lines between it and the first
 #: row of numbers.
 MAX_PREAMBLE = 1000
 #: Number of lines of numbers without a header above them after which there is none.
 ROWS_WITHOUT_HEADER = 3
+
+#: A line that separates the header from the rows in tables for people to read.
+_RULE = re.compile(r"[-+=|: \t]*(?:--|==)[-+=|: \t]*")
 
 IsWanted = Callable[[Column], bool]  #: Whether a column has one of the names that are wanted.
 
@@ -54,10 +59,14 @@ class Header:
         The columns, with the units in the headings or in a row below them.
     separator : str
         Separator of the rows, one of `SEPARATORS`.
+    needed : int
+        Number of cells that a row must have. It is that of the first row if this lacks the last
+        columns, such as one for comments.
     """
 
     columns: tuple[Column, ...]
     separator: str
+    needed: int
 
 
 @dataclass(frozen=True)
@@ -84,25 +93,35 @@ class _Candidate:
     def find_row_separator(self, line: str) -> str | None:
         """Return the separator by which a line is a row below this header; None if it is not one.
 
-        Half of the cells in the columns with wanted names must be numbers. With its own separator a
-        header may have another number of cells than the row, which is then malformed.
+        A row has as many cells as the header, and all cells that are not empty are numbers, or half
+        of those in the columns with wanted names. With the separator of the header it may have
+        another number of cells, and is then malformed.
         """
         others = [separator for separator in SEPARATORS if separator != self.separator]
         for separator in (self.separator, *others):
             cells = split_cells(line, separator)
             has_all = len(cells) >= len(self.columns) >= len(drop_empty_end(cells))
-            if has_all and self._has_numbers(cells):
+            if has_all and (_has_only_numbers(cells) or self._has_numbers(cells)):
                 return separator
         if self._has_numbers(split_cells(line, self.separator)):
             return self.separator
         return None
+
+    def count_needed_cells(self, line: str, separator: str) -> int:
+        """Return the number of cells that rows must have, if a line is the first of them.
+
+        This is the number of columns, unless the line lacks only columns without a wanted name.
+        """
+        count = len(split_cells(line, separator))
+        lacks_wanted = any(index >= count for index in self.wanted)
+        return len(self.columns) if lacks_wanted else min(count, len(self.columns))
 
     def _has_numbers(self, cells: Sequence[str]) -> bool:
         """Return whether half of the cells in the columns with wanted names are numbers."""
         count = 0
         for index in self.wanted:
             if index < len(cells):
-                count += has_number(cells[index]) or is_clock_time(cells[index])
+                count += _is_number_or_time(cells[index])
         return 0 < len(self.wanted) <= 2 * count
 
 
@@ -129,6 +148,8 @@ class HeaderSearch:
         self.lines: list[str] = []
         self.candidates: list[_Candidate] = []
         self.rows_without_header = 0
+        self.found: _Candidate | None = None
+        self.notes: list[str] = []  #: Sentences about units that are not known.
 
     def add(self, line: str) -> Header | None:
         """Add the next line, and return the header as soon as it is known."""
@@ -142,7 +163,8 @@ class HeaderSearch:
             for candidate in self._rank_candidates():
                 separator = candidate.find_row_separator(line)
                 if separator is not None:
-                    return self._make_header(candidate, separator)
+                    needed = candidate.count_needed_cells(line, separator)
+                    return self._make_header(candidate, separator, needed)
             if self._is_row_of_numbers(line):
                 self.rows_without_header += 1
         possible_header = self._make_candidate(line)
@@ -151,20 +173,28 @@ class HeaderSearch:
         waits = self.candidates or self.rows_without_header < ROWS_WITHOUT_HEADER
         return None if waits and len(self.lines) < MAX_PREAMBLE else self.finish()
 
+    def is_surpassed_by(self, line: str) -> bool:
+        """Return whether a line below the header has more of the wanted names than the header."""
+        candidate = self._make_candidate(line)
+        if candidate is None or self.found is None:
+            return False
+        return len(candidate.wanted) > len(self.found.wanted)
+
     def finish(self) -> Header:
         """Return the most likely header of a table that has no row of numbers.
 
         If no line has a wanted name, it is the last line before the first row of numbers.
         """
         for candidate in self._rank_candidates():
-            return self._make_header(candidate, candidate.separator)
+            return self._make_header(candidate, candidate.separator, len(candidate.columns))
         header_line = self._find_line_before_numbers()
         if header_line is None:
-            return Header((), ",")
+            return Header((), ",", needed=0)
         separator = max(self.separators, key=lambda each: len(split_cells(header_line, each)))
         index = self.lines.index(header_line)
         columns = _parse_columns(split_cells(header_line, separator))
-        return self._make_header(_Candidate(columns, separator, (), index), separator)
+        candidate = _Candidate(columns, separator, wanted=(), lines_before=index)
+        return self._make_header(candidate, separator, len(columns))
 
     def _rank_candidates(self) -> list[_Candidate]:
         """Return the candidates, those with most wanted names first, and later ones before."""
@@ -187,29 +217,39 @@ class HeaderSearch:
                 best = _Candidate(columns, separator, tuple(wanted), len(self.lines) - 1)
         return best
 
-    def _make_header(self, candidate: _Candidate, separator: str) -> Header:
+    def _make_header(self, candidate: _Candidate, separator: str, needed: int) -> Header:
         """Return a candidate as the header, with the units in a row below it.
 
         Only the lines of rows are kept.
+
+        Parameters
+        ----------
+        candidate : _Candidate
+            The header without units.
+        separator : str
+            Separator of the rows.
+        needed : int
+            Number of cells that a row must have.
         """
         columns = candidate.columns
-        rows = self.lines[candidate.lines_before + 1 :]
+        self.found = candidate
+        below = self.lines[candidate.lines_before + 1 :]
+        rows = [line for line in below if not _RULE.fullmatch(line)]
         for index, line in enumerate(rows):
-            units = parse_unit_row(split_cells(line, separator))
+            cells = split_cells(line, separator)
+            units = None if any(map(has_number, cells)) else parse_unit_row(cells)
             if units is not None and len(units) >= len(columns) // 2:
+                self.notes += _describe_unknown_units(columns, cells, units)
                 columns = add_units(columns, units, self.name)
                 del rows[index]
                 break
         self.lines = rows
-        return Header(columns, separator)
+        return Header(columns, separator, needed)
 
     def _is_row_of_numbers(self, line: str) -> bool:
         """Return whether a line has nothing but numbers between some separator."""
-        for separator in self.separators:
-            cells = [cell for cell in split_cells(line, separator) if cell.strip()]
-            if cells and all(has_number(cell) for cell in cells):
-                return True
-        return False
+        splits = [split_cells(line, separator) for separator in self.separators]
+        return any(_has_only_numbers(cells) for cells in splits)
 
     def _find_line_before_numbers(self) -> str | None:
         """Return the last line before the first row of numbers, or the first line of all."""
@@ -227,6 +267,36 @@ class HeaderSearch:
                 yield line
 
 
+def _describe_unknown_units(
+    columns: Sequence[Column], cells: Sequence[str], units: Sequence[Unit | None]
+) -> Iterator[str]:
+    """Yield a note for each cell of a row of units that is not a known unit.
+
+    Parameters
+    ----------
+    columns : sequence of Column
+        Columns of the header.
+    cells : sequence of str
+        Cells of the row.
+    units : sequence of Unit or None
+        The units in the cells.
+    """
+    for column, cell, unit in zip(columns, cells, units, strict=False):
+        if cell.strip() and unit is None:
+            yield f"column {column.heading}: the unit {cell.strip()[:MAX_QUOTED]!r} is not known"
+
+
+def _has_only_numbers(cells: Sequence[str]) -> bool:
+    """Return whether all cells that are not empty are numbers or times, and at least one is."""
+    given = [cell for cell in cells if cell.strip()]
+    return bool(given) and all(_is_number_or_time(cell) for cell in given)
+
+
+def _is_number_or_time(cell: str) -> bool:
+    """Return whether a cell has a number, a word in place of a number, a date or a time."""
+    return has_number(cell) or is_clock_time(cell)
+
+
 def _parse_columns(cells: list[str]) -> tuple[Column, ...]:
     """Return the columns of a header.
 
@@ -234,7 +304,7 @@ def _parse_columns(cells: list[str]) -> tuple[Column, ...]:
     """
     headings: list[str] = []
     for cell in drop_empty_end(cells):
-        heading = cell.strip()
+        heading = cell.strip(" \t\0\ufeff")  # a device that starts may send a null byte
         if headings and heading.startswith(("(", "[")) and parse_heading(f"x {heading}").unit:
             headings[-1] = f"{headings[-1]} {heading}"
         else:

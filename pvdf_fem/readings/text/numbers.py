@@ -11,7 +11,7 @@ MAX_QUOTED = 40  #: Maximum number of characters of a cell that messages repeat.
 #: Words for a missing number, in lower case.
 MISSING_WORDS = frozenset(
     (
-        *("", "nan", "+nan", "-nan", "nan0", "1.#qnan", "1.#ind", "-1.#ind"),
+        *("", "nan", "+nan", "-nan", "nan(ind)", "-nan(ind)", "1.#qnan", "1.#ind", "-1.#ind"),
         *("na", "<na>", "n/a", "n.a.", "n.v.", "null", "none", "missing", "invalid"),
         *("no data", "nodata"),
         *("-", "--", "---", "----", "?", "error", "err", "fehler"),
@@ -71,9 +71,9 @@ class NumberReader:
 
     Parameters
     ----------
-    default : {".", ",", ""}
-        The decimal sign as long as no cell has decided it; empty if there is none. In a table with
-        commas between its cells it is a point.
+    default : {".", ""}
+        How to read points as long as no cell has decided the decimal sign: as decimal points, as in
+        a table with commas between its cells, or not at all.
     """
 
     def __init__(self, default: str = "") -> None:
@@ -116,21 +116,21 @@ class NumberReader:
         CellError
             If the cell is not a number, or can be read in two ways.
         """
-        decimal = self.decimal or self.default
         text = cell.strip()
+        decimal = self.decimal or self.default
         if decimal == "." and _WITH_POINT(text):
             value = _convert(text)
         elif decimal == "," and _WITH_COMMA(text):
             value = _convert(text.replace(",", "."))
         else:
-            value = self._read_other(text, decimal)
+            value = self._read_other(text)
         if math.isinf(value) and text[-1].isdigit():
             raise CellError(f"{text[:MAX_QUOTED]} is too large for a number; correct it")
         if abs(value) >= SCPI_INFINITY:
             return _convert_scpi_number(value)
         return value
 
-    def _read_other(self, text: str, decimal: str) -> float:
+    def _read_other(self, text: str) -> float:
         """Return the number in a text that is a word, has grouped digits, or may be ambiguous."""
         word = read_word(text)
         if word is not None:
@@ -138,19 +138,18 @@ class NumberReader:
         readings = read_both_ways(text)
         if not readings:
             raise CellError(f"{text[:MAX_QUOTED]!r} is not a number; correct it")
-        if decimal in readings:
-            return readings[decimal]
-        values = sorted(set(readings.values()))
-        if decimal:
-            sign = "a decimal comma" if decimal == "." else "a decimal point"
-            others = f", as {self.evidence} has it" if self.evidence else ""
+        if self.decimal in readings:
+            return readings[self.decimal]
+        if self.decimal:
+            sign = "comma" if self.decimal == "." else "point"
+            others = "points" if self.decimal == "." else "commas"
             raise CellError(
-                f"{text[:MAX_QUOTED]} has {sign}, but the table has decimal "
-                f"{'points' if decimal == '.' else 'commas'}{others}; write all numbers alike"
+                f"{text[:MAX_QUOTED]} has a decimal {sign}, but the table has decimal {others}, as "
+                f"{self.evidence} has it; write all numbers alike"
             )
-        if len(values) == 1:
-            return values[0]
-        raise CellError(_describe_ambiguity(text, values))
+        if len(set(readings.values())) > 1:
+            raise CellError(_describe_ambiguity(text, readings))
+        return next(iter(readings.values()))
 
 
 def read_word(text: str) -> float | None:
@@ -226,12 +225,18 @@ def _convert_scpi_number(value: float) -> float:
     return value
 
 
-def _describe_ambiguity(text: str, values: list[float]) -> str:
-    """Return the message for a cell that can be a fraction or a number of grouped digits."""
-    fraction, whole = sorted(values, key=abs)
-    decimal = "." if "." in text else ","
-    longer = f"{text}0"
+def _describe_ambiguity(text: str, readings: dict[str, float]) -> str:
+    """Return the message for a cell that may have a decimal sign or grouped digits.
+
+    Parameters
+    ----------
+    text : str
+        The cell.
+    readings : dict of str to float
+        The numbers that it may mean by the decimal sign.
+    """
+    decimal, other = (".", ",") if "." in text else (",", ".")
     return (
-        f"{text} could be {fraction:.15g} or {whole:.15g}: write {longer} or {whole:.0f}, which "
-        f"settles whether {decimal} is the decimal sign of all numbers"
+        f"{text} could be {readings[decimal]:.15g} or {readings[other]:.15g}: write {text}0 or "
+        f"{readings[other]:.0f}{other}0, which settles it for the whole table"
     )

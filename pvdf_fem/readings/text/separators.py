@@ -17,6 +17,7 @@ SEPARATOR_NAMES = {
 }
 COMMENT_MARKERS = ("#", "%", "//")  #: Texts at the beginning of lines of comments.
 
+_SPREADSHEET_ERROR = re.compile(r"#(?:[A-Z]+(?:/0)?[!?]|N/?[AV]\b|NAN\b)", re.IGNORECASE)
 _BLANKS = re.compile(r"[ \t]+")
 _SEPARATOR_LINE = re.compile(r'"?sep=(\\t|tab|.)"?[\s,;]*', re.IGNORECASE)
 
@@ -42,11 +43,14 @@ def split_cells(line: str, separator: str) -> list[str]:
         return _BLANKS.split(line) if separator == " " else line.split(separator)
     if separator == " ":
         line = line.replace("\t", " ")
-    reader = csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True)
-    try:
-        return next(reader, [])
-    except csv.Error:
-        return []
+    without_blanks = re.sub(rf'"[ \t]+(?={re.escape(separator)}|$)', '"', line)
+    for text in (line, without_blanks):
+        reader = csv.reader([text], delimiter=separator, skipinitialspace=True, strict=True)
+        try:
+            return next(reader, [])
+        except csv.Error:  # a blank between a quote and the separator, or an open quote
+            continue
+    return []
 
 
 def drop_empty_end(cells: list[str], count: int = 0) -> list[str]:
@@ -58,8 +62,13 @@ def drop_empty_end(cells: list[str], count: int = 0) -> list[str]:
 
 
 def find_comment_text(line: str) -> str | None:
-    """Return the text of a line of comment without its marker, and None for any other line."""
+    """Return the text of a line of comment without its marker, and None for any other line.
+
+    A row that begins with an error of a spreadsheet, such as ``#DIV/0!``, is not a comment.
+    """
     stripped = line.lstrip()
+    if _SPREADSHEET_ERROR.match(stripped):
+        return None
     for marker in COMMENT_MARKERS:
         if stripped.startswith(marker):
             return stripped.lstrip("#%/ \t")
