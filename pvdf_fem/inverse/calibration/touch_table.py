@@ -227,7 +227,8 @@ def _find_value_errors(table: TouchTable, electrodes: Sequence[str]) -> Iterator
     With fewer than two touches, yield only a message that says so.
     """
     if len(table) < 2:
-        yield f"touches: {len(table)} complete rows; give more touches than unknown parameters"
+        rows = "1 complete row" if len(table) else "no complete row"
+        yield f"touches: {rows}; give more touches than unknown parameters"
         return
     for name, column in zip(electrodes, table.readings.T, strict=True):
         measured = column[np.isfinite(column)]

@@ -54,7 +54,7 @@ def test_empty_cells_leave_out_a_reading_or_a_row(tmp_path):
         ),
         (HEAD + "\n1,2,0,1,10,20,30", "row 1 has 7 cells"),
         (HEAD + "\n1,2,0,1,10,20,30,oops", "row 1, column D: 'oops'"),
-        (HEAD + "\n" + ROWS[0], "touches: 1 complete rows"),
+        (HEAD + "\n" + ROWS[0], "touches: 1 complete row;"),
         (HEAD + "\n" + ROWS[0] + ",5", "row 1 has 9 cells"),
         (make_columns(B=[3.0]), "touches: columns differ in length"),
         (make_columns(B=[3.0, 3.0, 3.0]), "column B: is 3 in every row"),
