@@ -9,18 +9,19 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from pvdf_fem.cli.program import InputError
 from pvdf_fem.files import escape_unprintable, replace_file
 from pvdf_fem.readings.columns import Column
 from pvdf_fem.readings.formats import open_table
-from pvdf_fem.readings.loggers.open_recording import RecordingOptions, open_recording
-from pvdf_fem.readings.loggers.recording_table import make_table
-from pvdf_fem.readings.recording import Recording
 from pvdf_fem.readings.selection import ChosenColumn, NumberColumns, choose_readings, is_time_column
 from pvdf_fem.readings.table import Table
 from pvdf_fem.readings.text.header import make_name_test
+
+if TYPE_CHECKING:
+    from pvdf_fem.readings.loggers.open_recording import RecordingOptions
+    from pvdf_fem.readings.recording import Recording
 
 EXTENSIONS = [".csv", ".json", ".jsonl"]  #: Extensions of the tables that commands write.
 MAX_MALFORMED = 3  #: Maximum number of malformed rows that are named.
@@ -59,6 +60,9 @@ def open_readings(
         If the file cannot be read, or is neither a table nor the file of a logger.
     """
     if source is not None:
+        from pvdf_fem.readings.loggers.open_recording import open_recording
+        from pvdf_fem.readings.loggers.recording_table import make_table
+
         recording = open_recording(source, stack, electrodes, options)
         if recording is not None:
             stack.callback(_print_notes, recording, len(recording.notes))

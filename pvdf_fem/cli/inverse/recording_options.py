@@ -7,11 +7,10 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli.options import add_text_option, read_number
-from pvdf_fem.readings.loggers.channel_choice import TIME_KEYS, parse_channel_choice
-from pvdf_fem.readings.loggers.open_recording import RecordingOptions
 from pvdf_fem.scene.scene_file import suggest
 
 if TYPE_CHECKING:
+    from pvdf_fem.readings.loggers.open_recording import RecordingOptions
     from pvdf_fem.scene.scene import Scene
 
 #: The options by their attributes in the namespace of the parser.
@@ -55,6 +54,8 @@ def make_recording_options(
     errors : list of str
         Messages; one is appended for each option that is not valid.
     """
+    from pvdf_fem.readings.loggers.open_recording import RecordingOptions
+
     electrodes = [electrode.name for electrode in scene.electrode_list]
     channels: dict[str, str] = {}
     full_scale_V: dict[str, float] = {}
@@ -79,6 +80,8 @@ def make_recording_options(
 
 def _parse_channels(text: str, electrodes: list[str], errors: list[str]) -> dict[str, str]:
     """Parse the value of ``--channels``; append a message for each error."""
+    from pvdf_fem.readings.loggers.channel_choice import TIME_KEYS, parse_channel_choice
+
     try:
         channels = parse_channel_choice(text)
     except ValueError as error:
