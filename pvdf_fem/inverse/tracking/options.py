@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from pvdf_fem.arrays import Indices
 
 
 @dataclass(frozen=True)
 class TrackOptions:
-    """Thresholds of the tracker; durations are numbers of samples."""
+    """Thresholds of the tracker."""
 
-    #: Number of samples without a contact from which the baseline is estimated at the start.
-    settling_samples: int = 256
     #: Memory of the baseline filter. A drift that is faster is detected as a contact.
     memory_samples: int = 2000
-    #: Longest pause within a contact, in sampling intervals; after a longer pause it is lost.
-    max_pause_samples: int = 50
+    #: Longest window of the contact detector, as a fraction of the samples of the baseline.
+    window_fraction: float = 0.25
     #: Bound on the probability of a false alarm per sample, divided equally among the windows.
     false_alarm_probability: float = 1e-7
     min_noise_V: float = 1e-7  #: Lower bound of the estimated standard deviation of a voltage.
@@ -28,7 +23,9 @@ class TrackOptions:
     #: Minimum norm of the charges, in standard deviations, before a contact is located.
     min_significance: float = 15.0
     #: Relative growth of the number of samples after which a contact is located again.
-    relocation_growth: float = 0.2
+    relocation_growth: float = 0.5
+    #: The same while all locations have failed.
+    retry_growth: float = 0.1
     #: Fraction of the sampling error that is not along the direction of the charges.
     sampling_skew: float = 0.2
     #: Distances, in log F, by which the response is extrapolated to smaller and larger forces.
@@ -44,14 +41,12 @@ class TrackOptions:
     max_residual_fraction: float = 0.1
     #: Number of samples after which a contact may end though its charges never exceeded the noise.
     patience_samples: int = 100
+    #: Time after which a contact that no touch explains is given up, and the baseline is learned
+    #: again.
+    patience_s: float = 2.0
     #: A contact of more than `memory_samples` is lost when the standard deviation of its charges
     #: exceeds this fraction of the largest charges.
     max_relative_error: float = 0.3
-
-    @property
-    def windows(self) -> Indices:
-        """Window lengths of the contact detector: powers of two up to `settling_samples`/4."""
-        return 2 ** np.arange(int(np.log2(self.settling_samples / 4.0)) + 1)
 
 
 DEFAULTS = TrackOptions()

@@ -30,6 +30,8 @@ class ChargeSample:
     walk_variance: Array  #: Variance in pC² of the random walk.
     drift_pC: Array  #: Standard deviation of the drift.
     sampling_variance: float  #: Variance in pC² along the direction of the charges.
+    #: Whether the channel was clipped, so that its charge is only a limit of the true one.
+    is_clipped: Mask
 
     @property
     def is_measured(self) -> Mask:

@@ -1,0 +1,416 @@
+"""The baseline: the channel voltages while nothing touches the film, and their noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.inverse.tracking.options import TrackOptions
+from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
+
+#: A channel takes part in the detection of contacts when its line holds this many samples.
+MIN_LINE_SAMPLES = 8
+#: Residual voltages are neglected after this number of time constants, exp(-40) = 4e-18.
+MAX_TIME_CONSTANTS = 40.0
+
+
+class ChannelBaseline:
+    """Level, slope and noise of the voltage of one channel without a contact.
+
+    All numbers are plain floats, because a stream has many samples of few channels.
+
+    Parameters
+    ----------
+    decay_rate : float
+        Rate 1/(R C) in 1/s at which the voltage decays; zero without a resistance.
+    min_noise_V : float
+        Lower bound of the standard deviation of a voltage.
+    memory : float
+        Memory of the filter in samples.
+
+    Notes
+    -----
+    Let e be the prediction error of sample k. The level is corrected by (4k - 2)/(k (k + 1)) e and
+    the slope by 6/(k (k + 1)) e per sampling interval (least-squares line through k samples, an
+    expanding-memory filter), until these gains fall to 2/m and 1/m², those of a fading memory of m
+    samples (critically damped α-β filter). See E. Brookner, Tracking and Kalman Filtering Made
+    Easy (Wiley, 1998), sections 1.2.6 and 1.2.10.
+    """
+
+    __slots__ = (
+        "_decay_rate",
+        "_level",
+        "_memory",
+        "_min_noise_V",
+        "_residual",
+        "_residual_at_s",
+        "_residual_count",
+        "_slope",
+        "line_count",
+        "noise_V",
+        "noise_count",
+        "noise_variance",
+        "time_s",
+    )
+
+    def __init__(self, decay_rate: float, min_noise_V: float, memory: float) -> None:
+        self._decay_rate = decay_rate
+        self._min_noise_V = min_noise_V
+        self._memory = memory
+        self.line_count = 0  #: Number of samples that the line holds.
+        self.noise_count = 0  #: Number of samples that the noise was estimated from.
+        self.noise_variance = 0.0  #: Estimated variance of a voltage in V².
+        #: Standard deviation of a voltage in V: the estimate, or its lower bound.
+        self.noise_V = min_noise_V
+        self.time_s = 0.0  #: Time of the last sample of the line.
+        self._level = 0.0
+        self._slope = 0.0
+        # Residual voltage of the last contact, its time, and the number of samples since then.
+        self._residual = 0.0
+        self._residual_at_s = 0.0
+        self._residual_count = 1
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the line holds enough samples to predict the next one."""
+        return self.line_count >= MIN_LINE_SAMPLES
+
+    @property
+    def state(self) -> tuple[float, ...]:
+        """The values of a `BaselineSnapshot` for this channel, in its order."""
+        return (
+            self.time_s,
+            self._level,
+            self._slope,
+            self.noise_V,
+            max(min(self.line_count, 3.2 * self._memory), 1.0),
+            self._residual,
+            self._residual_at_s,
+            self._residual_count,
+            self._decay_rate,
+        )
+
+    def set_line(
+        self, time_s: float, level: float, slope: float, *, noise_V: float, count: int
+    ) -> None:
+        """Set the line and the noise, and remove the residual of earlier contacts.
+
+        Parameters
+        ----------
+        time_s : float
+            Time of `level`: the last sample of the line.
+        level : float
+            Voltage in V.
+        slope : float
+            Slope in V/s.
+        noise_V : float
+            Standard deviation of a voltage.
+        count : int
+            Number of samples that level, slope and noise were estimated from.
+        """
+        self.time_s = time_s
+        self._level = level
+        self._slope = slope
+        self.line_count = count
+        self._residual = 0.0
+        self._residual_at_s = time_s
+        if count:
+            self.noise_count = count
+            self._set_noise_variance(noise_V**2)
+
+    def forget_line(self) -> None:
+        """Forget the line, so that it is learned again from the next samples; keep the noise."""
+        self.line_count = 0
+        self._residual = 0.0
+
+    def predict_line(self, time_s: float) -> float:
+        """Predict the voltage in V without the residual of the last contact."""
+        return self._level + self._slope * (time_s - self.time_s)
+
+    def predict_residual(self, time_s: float) -> float:
+        """Predict the residual voltage of the last contact in V, decayed until a given time."""
+        if not self._residual:
+            return 0.0
+        return self._residual * self._compute_decay(time_s)
+
+    def predict(self, time_s: float) -> float:
+        """Predict the voltage in V without a contact."""
+        return self.predict_line(time_s) + self.predict_residual(time_s)
+
+    def _compute_decay(self, time_s: float) -> float:
+        """Compute the fraction of the residual that remains at a given time."""
+        return math.exp(-self._decay_rate * (time_s - self._residual_at_s))
+
+    def compute_relative_error(self, time_s: float, extrapolated: float) -> float:
+        """Compute the standard error of the predicted voltage, relative to the noise.
+
+        Parameters
+        ----------
+        time_s : float
+            Time of the prediction.
+        extrapolated : float
+            Number of sampling intervals since the last sample that was added.
+
+        Returns
+        -------
+        float
+            Standard error divided by the standard deviation of a voltage.
+
+        Notes
+        -----
+        At its end, a least-squares line through n samples has 4/n of the variance of one sample;
+        the filter with a memory of m samples has 5/(4 m). The residual of a contact is a mean over
+        the samples after it, so that its error is 1/√(number of samples), and decays with it.
+        """
+        # A line through 3.2 m samples is as accurate as the filter: 4/(3.2 m) = 5/(4 m).
+        count = max(min(self.line_count, 3.2 * self._memory), 1.0)
+        line_error = 2.0 / math.sqrt(count) * (1.0 + extrapolated / count)
+        if not self._residual:
+            return line_error
+        return math.hypot(line_error, self._compute_decay(time_s) / math.sqrt(self._residual_count))
+
+    def age(self, time_s: float, extrapolated: float) -> None:
+        """Forget as much of the line as a pause has made uncertain.
+
+        Parameters
+        ----------
+        time_s : float
+            End of the pause.
+        extrapolated : float
+            Length of the pause in sampling intervals.
+        """
+        error = self.compute_relative_error(time_s, extrapolated)
+        # A line through 4/e² samples has the error e.
+        self.line_count = max(min(self.line_count, int(4.0 / error**2)), 1)
+
+    def replace_residual(self, time_s: float, voltage: float, count: int) -> None:
+        """Replace the residual of the last contact.
+
+        Parameters
+        ----------
+        time_s : float
+            Time of the residual.
+        voltage : float
+            Residual voltage above the line in V.
+        count : int
+            Number of samples that it is the mean of.
+        """
+        self._residual = voltage
+        self._residual_at_s = time_s
+        self._residual_count = count
+
+    def add(self, time_s: float, voltage: float, interval_s: float) -> None:
+        """Update line, residual and noise with a sample without a contact.
+
+        Parameters
+        ----------
+        time_s : float
+            Time of the sample.
+        voltage : float
+            Voltage in V.
+        interval_s : float
+            Sampling interval.
+        """
+        self.line_count += 1
+        count = self.line_count
+        if count == 1:
+            self._level = voltage - self.predict_residual(time_s)
+            self._slope = 0.0
+            self.time_s = time_s
+            return
+        pairs = count * (count + 1.0)
+        level_gain = max((4.0 * count - 2.0) / pairs, 2.0 / self._memory)
+        slope_gain = max(6.0 / pairs, 1.0 / self._memory**2)
+        step_s = time_s - self.time_s
+        line = self._level + self._slope * step_s
+        error = voltage - line
+        if self._residual:
+            error -= self._correct_residual(time_s, error, level_gain)
+        self._level = line + level_gain * error
+        # Two samples with almost the same time must not turn noise into a slope.
+        self._slope += slope_gain * error / max(step_s, interval_s)
+        self.time_s = time_s
+        if count > 2:
+            self._update_noise(error)
+
+    def _correct_residual(self, time_s: float, error: float, level_gain: float) -> float:
+        """Correct the residual by a sample, and return the residual that was predicted for it.
+
+        The gain 1/n makes the residual a mean over its n samples. The part of the error that the
+        level absorbs is subtracted, so that it does not count twice.
+
+        Parameters
+        ----------
+        time_s : float
+            Time of the sample.
+        error : float
+            Voltage of the sample above the line.
+        level_gain : float
+            Fraction of the prediction error that the level absorbs.
+        """
+        decay = self._compute_decay(time_s)
+        predicted = self._residual * decay
+        self._residual_count += 1
+        if self._decay_rate * (time_s - self._residual_at_s) > MAX_TIME_CONSTANTS:
+            self._residual = 0.0
+            return predicted
+        gain = max(1.0 / self._residual_count - level_gain / decay, 0.0)
+        self._residual += gain * (error - predicted)
+        return predicted
+
+    def _update_noise(self, error: float) -> None:
+        """Update the noise variance with the prediction error of a sample."""
+        self.noise_count += 1
+        count = self.line_count
+        # Variance of the prediction error of a line through count - 1 samples, divided by the
+        # variance of the noise.
+        ratio = count * (count + 1.0) / ((count - 1.0) * (count - 2.0))
+        weight = max(1.0 / max(self.noise_count - 2, 1), 1.0 / self._memory)
+        change = error * error / ratio - self.noise_variance
+        self._set_noise_variance(self.noise_variance + weight * change)
+
+    def _set_noise_variance(self, variance: float) -> None:
+        """Set the noise variance, and the standard deviation that it gives."""
+        self.noise_variance = variance
+        self.noise_V = max(math.sqrt(variance), self._min_noise_V)
+
+
+@dataclass(frozen=True, eq=False)
+class BaselineSnapshot:
+    """The baseline at the onset of a contact, in arrays of shape (electrodes,)."""
+
+    time_s: Array  #: Time of the last sample of each line.
+    level: Array  #: Voltage in V on the line at this time.
+    slope: Array  #: In V/s.
+    noise_V: Array  #: Standard deviation of a voltage.
+    line_count: Array  #: Number of samples that the line is as accurate as.
+    residual: Array  #: Residual voltage of the last contact in V.
+    residual_at_s: Array  #: Time of the residual.
+    residual_count: Array  #: Number of samples that the residual is the mean of.
+    decay_rate: Array  #: Rate 1/(R C) in 1/s.
+
+    def predict_line(self, time_s: float) -> Array:
+        """Predict the voltages in V without the residual of the last contact."""
+        return self.level + self.slope * (time_s - self.time_s)
+
+    def predict_residual(self, time_s: float) -> Array:
+        """Predict the residual voltages of the last contact in V."""
+        return self.residual * self._compute_decay(time_s)
+
+    def compute_relative_errors(self, time_s: float, interval_s: float) -> Array:
+        """Compute the standard errors of the predicted voltages, relative to the noise.
+
+        See `ChannelBaseline.compute_relative_error`; the line is extrapolated from its last sample.
+
+        Parameters
+        ----------
+        time_s : float
+            Time of the prediction.
+        interval_s : float
+            Sampling interval.
+        """
+        extrapolated = (time_s - self.time_s) / interval_s
+        line_error = 2.0 / np.sqrt(self.line_count) * (1.0 + extrapolated / self.line_count)
+        has_residual = self.residual != 0.0
+        residual_error = self._compute_decay(time_s) / np.sqrt(self.residual_count)
+        return np.hypot(line_error, has_residual * residual_error)
+
+    def _compute_decay(self, time_s: float) -> Array:
+        """Compute the fractions of the residuals that remain at a given time."""
+        return np.exp(-self.decay_rate * (time_s - self.residual_at_s))
+
+
+class Baseline:
+    """Level, slope and noise of all channel voltages without a contact.
+
+    A straight line per channel follows the samples. A contact leaves residual voltages, which decay
+    through the resistances. They are estimated from the samples after the contact and added to the
+    line. A channel that is missing or was restarted does not influence the others.
+
+    The tracker adds each sample with a delay. By then, a contact that begins slowly in that sample
+    would have been detected, so that it does not enter the baseline.
+
+    Parameters
+    ----------
+    circuit : ReadoutCircuit
+        Capacitances, resistances and noise of the channels.
+    options : TrackOptions
+        Memory of the filter and the minimum noise.
+    """
+
+    def __init__(self, circuit: ReadoutCircuit, options: TrackOptions) -> None:
+        self.circuit = circuit
+        decay_rates = (circuit.conductance / circuit.capacitance).tolist()
+        min_noises_V = np.maximum(circuit.noise, options.min_noise_V).tolist()
+        memory = float(options.memory_samples)
+        self.channels = []
+        for decay_rate, min_noise_V in zip(decay_rates, min_noises_V, strict=True):
+            self.channels.append(ChannelBaseline(decay_rate, min_noise_V, memory))
+
+    @property
+    def is_settled(self) -> Mask:
+        """Mask of the channels whose line holds enough samples, shape (electrodes,)."""
+        return np.array([channel.is_settled for channel in self.channels])
+
+    @property
+    def noise_V(self) -> Array:
+        """Standard deviations of the voltages in V, shape (electrodes,).
+
+        Each is at least the noise of the channel and `TrackOptions.min_noise_V`.
+        """
+        return np.array([channel.noise_V for channel in self.channels])
+
+    @property
+    def noise_count(self) -> int:
+        """Smallest number of samples that the noise of a settled channel was estimated from."""
+        counts = [channel.noise_count for channel in self.channels if channel.is_settled]
+        return min(counts, default=0)
+
+    def take_snapshot(self) -> BaselineSnapshot:
+        """Return the present state of all channels, which predicts voltages during a contact."""
+        states = np.array([channel.state for channel in self.channels])
+        return BaselineSnapshot(*states.T)
+
+    def replace_residuals(self, times_s: Array, voltages: Array) -> None:
+        """Replace the residuals by the means of the decayed voltages that a contact has left.
+
+        Parameters
+        ----------
+        times_s : ndarray, shape (samples,)
+            Times after the end of the contact.
+        voltages : ndarray, shape (samples, electrodes)
+            Voltages in V above the line at these times. A channel without any has no residual.
+        """
+        end_s = float(times_s[-1])
+        decay = self.circuit.compute_decay(end_s - times_s)
+        is_measured = ~np.isnan(voltages)
+        counts = is_measured.sum(axis=0)
+        sums = np.where(is_measured, voltages * decay, 0.0).sum(axis=0)
+        means = sums / np.maximum(counts, 1)
+        for channel, mean, count in zip(self.channels, means.tolist(), counts, strict=True):
+            channel.replace_residual(end_s, mean, max(int(count), 1))
+
+    def add(self, time_s: float, voltages: Sequence[float], interval_s: float) -> None:
+        """Update the channels with a sample without a contact.
+
+        Parameters
+        ----------
+        time_s : float
+            Time of the sample.
+        voltages : sequence of float
+            Voltages in V; NaN where they are missing.
+        interval_s : float
+            Sampling interval.
+        """
+        for channel, voltage in zip(self.channels, voltages, strict=True):
+            if voltage == voltage:  # not NaN
+                channel.add(time_s, voltage, interval_s)
+
+    def age(self, time_s: float, extrapolated: float) -> None:
+        """Forget as much of the lines as a pause has made uncertain; see `ChannelBaseline.age`."""
+        for channel in self.channels:
+            channel.age(time_s, extrapolated)
