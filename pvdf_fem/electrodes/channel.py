@@ -38,6 +38,8 @@ class Channel:
     gain: float = 1.0  #: Factor from the voltage of the capacitance to the reading.
     offset: float = 0.0  #: Reading in V without charge.
     noise: float = 0.0  #: Standard deviation of readings in V.
+    low_V: float = -math.inf  #: Lowest possible reading in V.
+    high_V: float = math.inf  #: Highest possible reading in V.
 
     @property
     def time_constant(self) -> float:
@@ -163,6 +165,7 @@ def make_channels(scene: Scene) -> tuple[Channel, ...]:
             capacitance = compute_capacitance(area, film.thickness, film.permittivity)
             capacitance += readout.get_value("cable_capacitance_pF", name) / 1e12
             resistance_MOhm = readout.get_value("input_resistance_MOhm", name)
+        low_V, high_V = readout.get_range_V(name)
         channel = Channel(
             name,
             capacitance,
@@ -170,6 +173,8 @@ def make_channels(scene: Scene) -> tuple[Channel, ...]:
             gain=readout.get_value("gain", name),
             offset=readout.get_value("offset_V", name),
             noise=readout.get_value("noise_V", name),
+            low_V=low_V,
+            high_V=high_V,
         )
         channels.append(channel)
     return tuple(channels)

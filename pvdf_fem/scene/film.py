@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
-from pvdf_fem.scene.keys import Affects, Key, Section, make_validation_error
+from pvdf_fem.scene.keys import Affects, Key, NumberOrPair, Section, make_validation_error
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import Outline, has_overlap
 from pvdf_fem.scene.placed.patch import EXPANSION, MODULUS, Patch
 from pvdf_fem.scene.registry import LAW_CLASSES
 from pvdf_fem.scene.scene_file import quote
 
-Value = TypeVar("Value")
-#: A number, or a pair of numbers along x and y.
-NumberOrPair = Annotated[
-    Annotated[Value, Tag("<number>")] | Annotated[tuple[Value, Value], Tag("<pair>")],
-    Discriminator(lambda value: "<pair>" if isinstance(value, list | tuple) else "<number>"),
-]
 #: Key of a piezoelectric coefficient, the charge per force.
 COEFFICIENT = Key(
     "pC/N", (-1e5, 1e5), Affects.READING, usual_limits=(1e-6, 1e5), likely_units={"C/N": 1e12}

@@ -7,9 +7,16 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationInfo
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    GetCoreSchemaHandler,
+    Tag,
+    ValidationInfo,
+)
 from pydantic_core import PydanticCustomError
 from pydantic_core.core_schema import (
     literal_schema,
@@ -19,6 +26,7 @@ from pydantic_core.core_schema import (
 
 from pvdf_fem.scene.scene_file import suggest
 
+Value = TypeVar("Value")
 #: Units by the endings of keys.
 UNITS = {
     **{unit: unit for unit in ("mm", "GPa", "Pa", "pF", "pC", "K", "N", "V", "s", "Hz")},
@@ -211,6 +219,11 @@ Finite = Annotated[float, Key()]
 Whole = Annotated[int, Key()]
 Number = Annotated[float, limit_to(-1e6, 1e6)]
 Length = Annotated[float, limit_to(1e-6, 1e6, "mm")]
+#: A number or a pair of numbers.
+NumberOrPair = Annotated[
+    Annotated[Value, Tag("<number>")] | Annotated[tuple[Value, Value], Tag("<pair>")],
+    Discriminator(lambda value: "<pair>" if isinstance(value, list | tuple) else "<number>"),
+]
 
 
 class Section(BaseModel):

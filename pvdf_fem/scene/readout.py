@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, TypeVar
@@ -15,7 +16,7 @@ from pydantic import (
     model_serializer,
 )
 
-from pvdf_fem.scene.keys import Key, Section, make_validation_error
+from pvdf_fem.scene.keys import Key, NumberOrPair, Section, make_validation_error
 from pvdf_fem.scene.scene_file import flatten, format_error, suggest
 
 Value = TypeVar("Value")
@@ -27,6 +28,10 @@ class ByName(dict[str, Value]):
     def __hash__(self) -> int:  # type: ignore[override]
         return hash(frozenset(self.items()))
 
+
+#: Frequencies in Hz that mains of nominally 50 and 60 Hz may have, with room for generators.
+MIN_MAINS_HZ = 45.0
+MAX_MAINS_HZ = 65.0
 
 #: A value for all electrodes, or values by electrode; electrodes without one have the default.
 ByChannel = Annotated[
@@ -40,6 +45,29 @@ def _reject_zero(value: float) -> float:
     """Return a number, and refuse zero."""
     if not value:
         raise make_validation_error("must not be zero; give another number")
+    return value
+
+
+def _check_range(value: float | tuple[float, float]) -> float | tuple[float, float]:
+    """Return a range; refuse a number that is not positive and a pair that does not increase."""
+    if isinstance(value, tuple):
+        low, high = value
+        if low >= high:
+            reason = "must be an increasing pair; give the lowest and the highest reading in V"
+            raise make_validation_error(reason)
+    elif value <= 0.0:
+        reason = "must be positive; give r for readings from -r to r, or a pair [low, high] in V"
+        raise make_validation_error(reason)
+    return value
+
+
+def _check_mains_frequency(value: Any) -> Any:
+    """Return a value for `Readout.mains_Hz`; refuse other words, and numbers that no mains have."""
+    is_other_word = isinstance(value, str) and value != "auto"
+    is_too_low = isinstance(value, int | float) and 0.0 < value < MIN_MAINS_HZ
+    if is_other_word or is_too_low:
+        advice = f'give {MIN_MAINS_HZ:g} to {MAX_MAINS_HZ:g} Hz, 0 for none, or "auto"'
+        raise make_validation_error(f"is not a frequency of the mains; {advice}")
     return value
 
 
@@ -86,7 +114,7 @@ Uncertain = Annotated[dict[str, Any], BeforeValidator(flatten), AfterValidator(_
 class Readout(Section):
     """The amplifiers that read the electrodes.
 
-    All values except `reading` are either common to all electrodes or tables by electrode, such as
+    All values except `reading`, `mains_Hz` and `settling_s` are either common to all electrodes or tables by electrode, such as
     ``gain = { A = 1.02, B = 0.97 }``. Electrodes that are not in a table have the default.
     """
 
@@ -119,6 +147,22 @@ class Readout(Section):
     """Constant that is added to each reading."""
     noise_V: Annotated[ByChannel[float], Key("V", (0.0, 1e4))] = 0.0
     """Standard deviation of each reading."""
+    range_V: Annotated[
+        ByChannel[Annotated[NumberOrPair[float], AfterValidator(_check_range)]] | None,
+        Key("V", (-1e6, 1e6), example=5.0),
+    ] = None
+    """Range of the readings that the converter can output: r for -r to r, or a pair [low, high].
+    Readings at or beyond its ends are clipped. By default there is no limit."""
+    mains_Hz: Annotated[
+        Annotated[float, Tag("<number>")] | Annotated[Literal["auto"], Tag("<word>")],
+        Discriminator(lambda value: "<word>" if isinstance(value, str) else "<number>"),
+        BeforeValidator(_check_mains_frequency),
+        Key("Hz", (0.0, MAX_MAINS_HZ)),
+    ] = "auto"
+    """Frequency of the mains whose hum is removed from streams: 45 to 65 Hz, or 0 for none. auto:
+    50 or 60 Hz if a stream has hum of that frequency."""
+    settling_s: Annotated[float, Key("s", (0.1, 60.0))] = 0.4
+    """Time without a touch from which the baseline of a stream is learned."""
     reading: Literal["change", "total"] = "change"
     """change: readings measure the change of the charge relative to the unloaded film. total:
     readings measure the total charge."""
@@ -148,8 +192,17 @@ class Readout(Section):
             return value.get(electrode, type(self).model_fields[key].default)
         return value
 
+    def get_range_V(self, electrode: str) -> tuple[float, float]:
+        """Return the lowest and the highest possible reading of an electrode, infinite if none."""
+        value = self.get_value("range_V", electrode)
+        if value is None:
+            return -math.inf, math.inf
+        if isinstance(value, tuple):
+            return value
+        return -value, value
+
     def find_channel_errors(self, electrodes: Sequence[str]) -> Iterator[str]:
-        """Yield an error message for each value for an electrode that the scene does not have.
+        """Yield messages on unknown electrodes, and on offsets outside of the range of readings.
 
         Parameters
         ----------
@@ -169,3 +222,23 @@ class Readout(Section):
                     advice = suggest(name, electrodes)
                     reason = f"is for an electrode that the scene does not have; {advice}"
                     yield format_error(f"readout.{key}.{name}", table[name], reason)
+        yield from self._find_offset_errors(electrodes)
+
+    def _find_offset_errors(self, electrodes: Sequence[str]) -> Iterator[str]:
+        """Yield a message for each range that does not contain the offset of its electrode.
+
+        There is a single message if both are common to all electrodes.
+        """
+        is_common = not (isinstance(self.range_V, ByName) or isinstance(self.offset_V, ByName))
+        for name in electrodes[:1] if is_common else electrodes:
+            low, high = self.get_range_V(name)
+            offset = self.get_value("offset_V", name)
+            if low <= offset <= high:
+                continue
+            key = (
+                f"readout.range_V.{name}" if isinstance(self.range_V, ByName) else "readout.range_V"
+            )
+            reason = f"does not contain the reading of the unloaded film, offset_V = {offset:g}"
+            owner = "" if is_common else f" of {name}"
+            advice = f"correct the range or offset_V{owner}"
+            yield format_error(key, self.get_value("range_V", name), f"{reason}; {advice}")

@@ -36,6 +36,16 @@ def test_charge_amplifiers_know_neither_electrode_nor_cable_and_without_a_readou
     assert list(ideal[0].harmonic([0.0, 20.0])) == [0.0, 1.0 / ideal[0].capacitance]
 
 
+def test_channels_have_the_range_of_their_readings():
+    """A number stands for both signs, and electrodes without an entry have no limit."""
+    for value in (2.5, [-2.5, 2.5]):
+        channels = make_channels(Scene(readout={"range_V": value, "gain": 10.0, "offset_V": 1.0}))
+        assert {(channel.low_V, channel.high_V) for channel in channels} == {(-2.5, 2.5)}
+    by_electrode = make_channels(Scene(readout={"range_V": {"B": 5.0, "D": [-0.1, 3.3]}}))
+    limits = [(channel.low_V, channel.high_V) for channel in by_electrode]
+    assert limits == [(-math.inf, math.inf), (-5.0, 5.0), (-math.inf, math.inf), (-0.1, 3.3)]
+
+
 def test_the_step_solves_the_circuits_equation():
     """A charge that comes within 1 µs, against C dV/dt = dQ/dt - V/R; after it V decays."""
     ramp, charge = 1e-6, 1e-9

@@ -81,7 +81,7 @@ def find_refused_keys(model, table):
 
 
 #: Keys whose validators refuse the ends of the range.
-NARROWER = ("poisson_ratio", "vertices_mm", "force_range_N", "edge_radius_mm")
+NARROWER = ("poisson_ratio", "vertices_mm", "force_range_N", "edge_radius_mm", "range_V")
 
 
 @each_table

@@ -147,14 +147,38 @@ def test_equal_scenes_have_equal_texts():
 
 def test_readout_stage_and_model_do_not_affect_a_solve():
     readout = {"kind": {"A": "voltage"}, "input_resistance_MOhm": 1.0, "gain": {"B": 0.97}}
+    readout |= {"range_V": {"A": 5.0, "C": [-0.1, 3.3]}, "mains_Hz": 60.0, "settling_s": 2.0}
     scene = Scene(readout=readout, stage={"x_mm": 0.4}, model={"tolerance": "auto"})
     scene = scene.with_(uncertain={"film.thickness_um": "5.5 %", "load.force_N": 0.1})
     assert scene != scene.with_(**{"readout.gain.B": 0.96})
+    assert scene != scene.with_(**{"readout.range_V.A": 4.0})
     assert scene.model.tolerance is None
     assert make_record_key(scene) == make_record_key(Scene())
     assert select_by_effect(scene, *MECHANICAL_EFFECTS) == select_by_effect(
         Scene(), *MECHANICAL_EFFECTS
     )
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("range_V", 5.0),
+        ("range_V", [-0.1, 3.3]),
+        ("range_V", {"A": 5.0, "D": [0.0, 4.5]}),
+        ("mains_Hz", 0.0),
+        ("mains_Hz", 49.98),
+        ("settling_s", 2.0),
+    ],
+)
+def test_keys_of_streams_and_ranges_survive_files_and_are_written_only_if_given(key, value):
+    scene = Scene(readout={key: value})
+    assert json.loads(scene.model_dump_json())["readout"][key] == value
+    for again in (Scene.parse(scene.to_toml()), Scene.model_validate_json(scene.model_dump_json())):
+        assert (again, hash(again)) == (scene, hash(scene))
+    default = scene.with_(readout={key: type(scene.readout).model_fields[key].default})
+    assert default == Scene(readout={})
+    for text in (default.model_dump_json(), default.to_toml()):
+        assert key not in text
 
 
 def test_the_films_centre_and_axes_on_the_stage():

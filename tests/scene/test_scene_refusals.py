@@ -94,6 +94,19 @@ REFUSALS = [
     ("[readout]\nkind = { A = 3 }", "readout.kind.A = 3"),
     ("[readout]\ngain = { E = 1 }", "readout.gain.E = 1.0"),
     ("[readout]\nfeedback_resistance_MOhm = { A = nan }", "readout.feedback_resistance_MOhm.A"),
+    ("[readout]\nrange_V = 0", "readout.range_V = 0"),
+    ("[readout]\nrange_V = -5", "readout.range_V = -5"),
+    ("[readout]\nrange_V = [5, 5]", "readout.range_V = [5, 5]"),
+    ("[readout]\nrange_V = { B = [2, 1] }", "readout.range_V.B = [2, 1]"),
+    ("[readout]\nrange_V = { B = 0.0 }", "readout.range_V.B = 0.0"),
+    ("[readout]\nrange_V = { E = 5.0 }", "readout.range_V.E = 5.0"),
+    ("[readout]\nrange_V = [0.5, 4.5]", "readout.range_V = [0.5, 4.5]"),
+    ("[readout]\nrange_V = 5\noffset_V = { C = -5.1 }", "readout.range_V = 5"),
+    ("[readout]\nrange_V = { C = [0, 5] }\noffset_V = 5.1", "readout.range_V.C = [0.0, 5.0]"),
+    ("[readout]\nmains_Hz = 44.9", "readout.mains_Hz = 44.9"),
+    ("[readout]\nmains_Hz = 65.1", "readout.mains_Hz = 65.1"),
+    ("[readout]\nmains_Hz = 'off'", 'readout.mains_Hz = "off"'),
+    ("[readout]\nsettling_s = 0", "readout.settling_s = 0"),
     # deviations
     *(
         (f"[uncertain]\nfilm.d31_pC_N = {value}", "uncertain = a table")

@@ -1,0 +1,1 @@
+"""Readings of instruments: tables and recordings, whatever program has written them."""

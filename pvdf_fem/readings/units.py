@@ -1,0 +1,132 @@
+"""Units of columns: their symbols, the quantities they measure, and their conversion."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Unit(NamedTuple):
+    """A unit of measurement."""
+
+    symbol: str  #: As messages write it, such as ``mV``.
+    quantity: str  #: The quantity that it measures, such as ``voltage``.
+    #: The unit in the SI unit of the quantity, or in degrees if it is a unit of angles.
+    scale: float
+
+
+_PREFIXES = {
+    "f": 1e-15,
+    "p": 1e-12,
+    "n": 1e-9,
+    "µ": 1e-6,
+    "m": 1e-3,
+    "c": 1e-2,
+    "": 1.0,
+    "k": 1e3,
+    "M": 1e6,
+}
+#: Symbols of units with their quantity and the prefixes that occur with them in files of readings.
+_FAMILIES = (
+    ("C", "charge", ("f", "p", "n", "µ", "m", "")),
+    ("V", "voltage", ("n", "µ", "m", "", "k")),
+    ("N", "force", ("µ", "m", "", "k")),
+    ("m", "length", ("n", "µ", "m", "c", "")),
+    ("s", "time", ("n", "µ", "m", "")),
+    ("Pa", "pressure", ("m", "", "k", "M")),
+    ("A", "current", ("f", "p", "n", "µ", "m", "")),
+    ("Hz", "frequency", ("", "k", "M")),
+)
+
+
+def _list_units() -> dict[str, Unit]:
+    """Return the known units by their symbols."""
+    units = {
+        "deg": Unit("deg", "angle", 1.0),
+        "rad": Unit("rad", "angle", 57.29577951308232),
+        "mrad": Unit("mrad", "angle", 0.05729577951308232),
+        "min": Unit("min", "time", 60.0),
+        "h": Unit("h", "time", 3600.0),
+        "K": Unit("K", "temperature", 1.0),
+        "bar": Unit("bar", "pressure", 1e5),
+        "mbar": Unit("mbar", "pressure", 1e2),
+        "%": Unit("%", "fraction", 1e-2),
+    }
+    for base, quantity, prefixes in _FAMILIES:
+        for prefix in prefixes:
+            symbol = f"{prefix}{base}"
+            units[symbol] = Unit(symbol, quantity, _PREFIXES[prefix])
+    return units
+
+
+UNITS = _list_units()  #: The known units by their symbols.
+
+#: Other spellings of symbols. Greek mu and a plain u are also read as µ.
+_SPELLINGS = {
+    "°": "deg",
+    "º": "deg",
+    "degree": "deg",
+    "degrees": "deg",
+    "radian": "rad",
+    "radians": "rad",
+    "sec": "s",
+    "second": "s",
+    "seconds": "s",
+    "msec": "ms",
+    "millisecond": "ms",
+    "milliseconds": "ms",
+    "usec": "µs",
+    "microsecond": "µs",
+    "microseconds": "µs",
+    "nanoseconds": "ns",
+    "volt": "V",
+    "volts": "V",
+    "millivolt": "mV",
+    "millivolts": "mV",
+    "microvolt": "µV",
+    "microvolts": "µV",
+    "coulomb": "C",
+    "coulombs": "C",
+    "picocoulomb": "pC",
+    "picocoulombs": "pC",
+    "nanocoulomb": "nC",
+    "nanocoulombs": "nC",
+    "newton": "N",
+    "newtons": "N",
+    "millinewton": "mN",
+    "millinewtons": "mN",
+    "millimeter": "mm",
+    "millimeters": "mm",
+    "millimetre": "mm",
+    "millimetres": "mm",
+    "hour": "h",
+    "hours": "h",
+    "minute": "min",
+    "minutes": "min",
+    "kelvin": "K",
+}
+
+
+def parse_unit(text: str) -> Unit | None:
+    """Return the unit with a symbol or name, or None if it is not known.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``pC``, ``[mV]``, ``(µs)``, ``us`` or ``degrees``. Brackets are ignored.
+    """
+    symbol = text.strip().strip("[](){}<> ")
+    symbol = symbol.replace("\u03bc", "µ")  # Greek mu to the micro sign
+    symbol = _SPELLINGS.get(symbol.lower(), symbol)
+    if symbol in UNITS:
+        return UNITS[symbol]
+    if symbol.startswith("u"):
+        return UNITS.get(f"µ{symbol[1:]}")
+    return None
+
+
+def convert_factor(unit: Unit, target: Unit) -> float:
+    """Return the factor that converts a number from one unit to another of the same quantity.
+
+    The factor is rounded to 15 digits, so that factors such as 1e-3 are exact.
+    """
+    return float(f"{unit.scale / target.scale:.15g}")
