@@ -38,6 +38,8 @@ class ContactLocator:
         self.coordinates = np.full(4, math.nan)
         self.chi_square = math.nan  #: Chi-square of the charges of the last sample.
         self.impulse_N_s = 0.0  #: Integral of the force over time, from the first location on.
+        #: Whether too few channels were measured at the peak; set by `relocate`.
+        self.is_peak_undetermined = False
         self._curve: ForceCurve | None = None
         self._next_attempt = float(self.options.min_location_samples)
 
@@ -80,9 +82,14 @@ class ContactLocator:
     def relocate(self, record: ChargeRecord) -> None:
         """Replace the candidates by those for the peak of the record; None if there are none.
 
+        If too many channels were clipped at the peak, the candidates from before it stay.
         `coordinates`, `chi_square` and `impulse_N_s` are not changed.
         """
-        self.candidates = self.problem.locate(record.compute_peak())
+        peak = record.compute_peak()
+        self.is_peak_undetermined = not self.problem.is_determined_by(peak)
+        if self.is_peak_undetermined and peak.is_clipped.any():
+            return
+        self.candidates = self.problem.locate(peak)
 
 
 class Contact:
@@ -167,22 +174,64 @@ class Contact:
         self.locator.update(record, sample, step_s)
         return sample
 
+    def exclude_channel(self, number: int) -> None:
+        """Count a channel as missing in all samples, also in those before."""
+        self.is_settled[number] = False
+        self.was_missing[number] = True
+        self.record.exclude_channel(number)
+
     @property
     def duration_s(self) -> float:
         """Time since the onset in s."""
         return self.record.end_s - self.record.onset_s
 
     @property
+    def is_explained(self) -> bool:
+        """Whether a touch explains the charges."""
+        candidates = self.locator.candidates
+        return candidates is not None and candidates.is_explained
+
+    @property
+    def peak_time_s(self) -> float:
+        """Time in s of the sample with the largest charges."""
+        largest = self.record.largest
+        return largest.time_s if largest else self.record.onset_s
+
+    @property
+    def is_hidden_by_clipping(self) -> bool:
+        """Whether too few channels tell the charges at the peak, because others are clipped."""
+        return bool(self.was_clipped.any()) and self.locator.is_peak_undetermined
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the contact is located, or its charges exceed their errors clearly."""
+        largest = self.record.largest
+        if self.locator.candidates is not None or self.was_clipped.any() or largest is None:
+            return True
+        return largest.significance > self.options.min_significance
+
+    def is_lost_by_pause(self, pause_s: float) -> bool:
+        """Whether a pause is so long that the charges after it cannot be known.
+
+        Parameters
+        ----------
+        pause_s : float
+            Time since the last sample.
+        """
+        options = self.options
+        is_long = pause_s > options.max_pause_s
+        return is_long and pause_s > options.max_pause_fraction * self.duration_s
+
+    @property
     def is_lost(self) -> bool:
         """Whether a long contact is still not explained, or its errors exceed the allowed fraction.
 
         A contact that no touch explains is long after `TrackOptions.patience_s`, and one that is
-        explained after `TrackOptions.memory_samples` samples.
+        explained after `TrackOptions.memory_s`.
         """
-        candidates = self.locator.candidates
-        if candidates is None or not candidates.is_explained:
+        if not self.is_explained:
             return self.duration_s > self.options.patience_s
-        if len(self.record) <= self.options.memory_samples:
+        if self.duration_s <= self.options.memory_s:
             return False
         return self.record.relative_error > self.options.max_relative_error
 

@@ -12,6 +12,9 @@ from scipy.special import chdtri, ndtri, stdtrit
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.tracking.options import TrackOptions
 
+#: Weight of a new window in the variance of slow drifts.
+DRIFT_WEIGHT = 0.25
+
 
 class VoltageSample(NamedTuple):
     """Voltages of the channels at one instant, and their deviations from the baseline."""
@@ -54,15 +57,17 @@ class ContactDetector:
         self._probability = options.false_alarm_probability / len(self.windows)
         self._threshold = np.inf
         self._threshold_count = 0
+        # Variances of the means over the longest window that noise does not explain, by channel.
+        self._drift_variances = [0.0] * channel_count
         self.clear()
 
     def clear(self) -> None:
         """Remove all samples."""
         self.samples: list[VoltageSample] = []
+        self._number = 0  # Number of samples since the last time.
         self._first = 0  # Index in `samples` of the oldest that has not been removed.
         # Sums of the deviations of all samples up to each sample, by channel.
         self._sums = [[0.0] * self._channel_count]
-        self._number = 0
 
     def __len__(self) -> int:
         return len(self.samples) - self._first
@@ -71,6 +76,11 @@ class ContactDetector:
     def is_full(self) -> bool:
         """Whether there are more samples than the longest window holds."""
         return len(self) > self.longest_window
+
+    @property
+    def drift_errors(self) -> Array:
+        """Errors of the baseline by slow drifts, relative to the noise, shape (electrodes,)."""
+        return np.sqrt(self._drift_variances)
 
     def add(self, sample: VoltageSample) -> None:
         """Add the newest sample."""
@@ -86,6 +96,10 @@ class ContactDetector:
         if self._first > 2 * self.longest_window:
             self._drop_removed_samples()
         return oldest
+
+    def get_samples(self) -> list[VoltageSample]:
+        """Return the samples that have not been removed, the oldest first."""
+        return self.samples[self._first :]
 
     def _drop_removed_samples(self) -> None:
         """Free the memory of removed samples, and restart their sums, which only grow."""
@@ -119,12 +133,37 @@ class ContactDetector:
                 break
             earlier = self._sums[-1 - window]
             statistic = 0.0
-            for last, first, error in zip(newest, earlier, errors, strict=True):
+            for last, first, error, drift in zip(
+                newest, earlier, errors, self._drift_variances, strict=True
+            ):
                 total = last - first
-                statistic += total * total / (window * (1.0 + window * error * error))
+                statistic += total * total / (window * (1.0 + window * (error * error + drift)))
             if statistic > threshold:
                 return True
+        if self._number % self.longest_window == 0 and len(self) >= self.longest_window:
+            self._update_drift(errors)
         return False
+
+    def _update_drift(self, errors: Sequence[float]) -> None:
+        """Update the variances of slow drifts with the last of the longest windows.
+
+        A drift that the baseline follows with a lag makes means deviate more than noise does. The
+        mean of the squares that the noise does not explain is added to the variance of the
+        baseline, so that such a drift is not a contact.
+
+        Parameters
+        ----------
+        errors : sequence of float
+            Standard deviations of the baseline divided by those of the noise, by channel.
+        """
+        window = self.longest_window
+        newest = self._sums[-1]
+        earlier = self._sums[-1 - window]
+        for channel, error in enumerate(errors):
+            mean = (newest[channel] - earlier[channel]) / window
+            excess = max(mean * mean - 1.0 / window - error * error, 0.0)
+            change = excess - self._drift_variances[channel]
+            self._drift_variances[channel] += DRIFT_WEIGHT * change
 
     def _get_threshold(self, noise_count: int) -> float:
         """Return the threshold of the statistic; it is computed anew when the count has doubled.

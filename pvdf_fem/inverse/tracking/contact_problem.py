@@ -182,6 +182,10 @@ class ContactProblem(LocationProblem):
         system[is_beyond, :, 1 + TouchColumn.FORCE] = (power[:, None] * growth * change)[is_beyond]
         return system
 
+    def is_determined_by(self, sample: ChargeSample) -> bool:
+        """Return whether a sample has enough measured channels for the unknown coordinates."""
+        return self.with_sample(sample, self.unknown).is_determinable
+
     def locate(self, sample: ChargeSample) -> CandidateTouches | None:
         """Find the touches that fit the charges of a sample best, even if none explains them.
 

@@ -11,7 +11,8 @@ class TrackOptions:
     """Thresholds of the tracker."""
 
     #: Memory of the baseline filter. A drift that is faster is detected as a contact.
-    memory_samples: int = 2000
+    memory_s: float = 1.0
+    min_memory_samples: int = 100  #: The same for slow sampling.
     #: Longest window of the contact detector, as a fraction of the samples of the baseline.
     window_fraction: float = 0.25
     #: Bound on the probability of a false alarm per sample, divided equally among the windows.
@@ -36,6 +37,12 @@ class TrackOptions:
     #: before. The number n is at least `min_still_samples`, and this fraction of all samples.
     min_still_samples: int = 6
     still_fraction: float = 1.0 / 16.0
+    #: Residual charge, as a fraction of the largest charges, with which a contact has ended: the
+    #: tolerances of resistances and capacitances leave as much.
+    negligible_residual_fraction: float = 0.01
+    #: Change between two series of samples, as a fraction of the largest charges, with which such a
+    #: contact has ended: a drift of the baseline goes on changing the charges.
+    negligible_change_fraction: float = 0.0025
     #: Residual charge, as a fraction of the largest charges, with which a contact may also end if
     #: four times as many samples are constant.
     max_residual_fraction: float = 0.1
@@ -44,7 +51,11 @@ class TrackOptions:
     #: Time after which a contact that no touch explains is given up, and the baseline is learned
     #: again.
     patience_s: float = 2.0
-    #: A contact of more than `memory_samples` is lost when the standard deviation of its charges
+    #: A contact is lost if all readings are missing for longer than this time, and than this
+    #: fraction of its duration so far.
+    max_pause_s: float = 0.25
+    max_pause_fraction: float = 0.25
+    #: A contact that is longer than `memory_s` is lost when the standard deviation of its charges
     #: exceeds this fraction of the largest charges.
     max_relative_error: float = 0.3
 

@@ -1,10 +1,11 @@
 """The tracker: detects and locates touches in a stream of readings.
 
-Each sample passes through up to four stages: the `SampleClock` checks its time, the `Baseline`
-predicts the voltages without a contact, the `ContactDetector` tests whether a contact begins, and
-during a contact the `Contact` integrates the charges, detects the end, and estimates position and
-force. The readings are those of the channels of the response's scene (`scene.readout`). Positions
-and rotations are in the frame of its stage.
+Each sample passes through these stages: the `SampleClock` repairs its time, the `ReadingFilter`
+marks readings that are not values, `MainsHum` subtracts the hum, and the `SpikeFilter` removes
+spikes. Then the `Settling` learns the `Baseline` of the voltages without a contact, the
+`ContactDetector` tests whether a contact begins, and during a contact the `Contact` integrates the
+charges, detects the end, and estimates position and force. The readings are those of the channels
+of the response's scene (`scene.readout`). Positions and rotations are in the frame of its stage.
 """
 
 from __future__ import annotations
@@ -15,25 +16,37 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE, get_scene_quantities
 from pvdf_fem.inverse.touch.measurement import get_centre_mm
 from pvdf_fem.inverse.touch.validation import find_quantity_errors
-from pvdf_fem.inverse.tracking.baseline import Baseline
-from pvdf_fem.inverse.tracking.circuit import ReadoutCircuit
-from pvdf_fem.inverse.tracking.clock import ClockEvent, SampleClock
+from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.contact_detector import ContactDetector, VoltageSample
 from pvdf_fem.inverse.tracking.contact_problem import CandidateTouches, ContactProblem
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
-from pvdf_fem.scene.arguments import Names, as_response, coerce, coerce_array
+from pvdf_fem.inverse.tracking.signal.baseline import Baseline
+from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
+from pvdf_fem.inverse.tracking.signal.clock import ClockEvent, SampleClock, StampedSample
+from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
+from pvdf_fem.inverse.tracking.signal.reading_filter import FilteredSample, ReadingFilter, Validity
+from pvdf_fem.inverse.tracking.signal.settling import Settling
+from pvdf_fem.scene.arguments import Names, as_response, coerce
+from pvdf_fem.scene.readout import Readout
 from pvdf_fem.scene.scene_file import suggest
 from pvdf_fem.surrogate.charge_function import ChargeFunction, find_rotation_period_deg
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
 UNITS = ("V", "pC")  #: Units of readings.
+#: Pause in sampling intervals from which readings may have been missed.
+MIN_PAUSE_INTERVALS = 4.5
+#: Touches in a pause have left voltages if the first sample after it deviates from the baseline by
+#: more standard deviations.
+MAX_PAUSE_DEVIATIONS = 4.0
+#: Number of samples after which the relative errors of the baseline are computed again.
+ERROR_UPDATE_SAMPLES = 16
 
 
 class Tracker:
@@ -66,7 +79,8 @@ class Tracker:
     >>> tracker = Tracker(build_response("sensor.toml", tolerance=3e-2), unit="pC")
     >>> for i in range(1000):  # at 1 kHz, in the order of tracker.response.names
     ...     row = tracker.update(1e-3 * i, [0.1, 0.0, -0.1, 0.0])
-    >>> tracker.settling_ends_s, tracker.touches
+    >>> tracker.finish()
+    >>> tracker.settling_ends_s, tracker.touches, tracker.notes
     """
 
     def __init__(
@@ -104,26 +118,72 @@ class Tracker:
                 fixed[index] = scene_values[name] - origin[index]
 
         self.touches: list[TouchSummary] = []
-        self._unit = unit
         self._options = options
-        self._circuit = ReadoutCircuit.from_channels(make_channels(scene))
+        self._names = list(self.response.names)
+        channels = make_channels(scene)
+        self._circuit = ReadoutCircuit.from_channels(channels)
+        self._scale, self._shift = self._circuit.compute_conversion(unit)
         self._problem = ContactProblem.from_response(self.response, fixed, options)
-        self._clock = SampleClock()
-        self._restart()
+        self._rotation_period_deg = find_rotation_period_deg(self.response)
+        readout = scene.readout or Readout()
+        self._settling_s = readout.settling_s
 
-    def _restart(self) -> None:
-        """Restart with an empty baseline and without a contact; `touches` is not changed."""
-        self._baseline = Baseline(self._circuit, self._options)
-        self._detector = ContactDetector(len(self.response.names), self._options)
+        self._clock = SampleClock()
+        self._hum = MainsHum(readout.mains_Hz, len(channels), names=self._names)
+        self._baseline = Baseline(self._circuit, options)
+        self._filter = ReadingFilter(self._circuit, self._baseline)
+        self._detector = ContactDetector(len(channels), 1, options)
         self._contact: Contact | None = None
-        self._missing = set[str]()
+        self._relative_errors = [0.0] * len(channels)
+        self._row = TrackRow(math.nan, TrackStatus.SETTLING)
+        self._notes: list[str] = []
+        self._last_time_s = math.inf  # Time of the last sample with readings.
+        self._settled_at_s = math.nan
+        self._hum_is_learned = False
+        self._settling: Settling | None = self._make_settling()
+        self._row_number = 0
+        self._faint_count = 0  # Number of contacts whose charges stayed within their errors.
+        # Until this time, a contact may have been there before the last pause ended.
+        self._unverified_until_s = -math.inf
+
+    def _make_settling(self) -> Settling:
+        """Make an empty collection of samples from which the baseline is learned."""
+        return Settling(
+            self._circuit,
+            None if self._hum_is_learned else self._hum,
+            duration_s=self._settling_s,
+            min_noise_V=self._options.min_noise_V,
+            expects_residual=bool(self.touches),
+        )
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences about faults of the readings that were found and repaired, each once."""
+        notes = [*self._clock.notes, *self._hum.notes, *self._filter.describe(self._names)]
+        if self._faint_count:
+            notes.append(
+                f"{self._faint_count} disturbances stayed within the errors of their charges, and "
+                f"are not reported as touches"
+            )
+        return [*notes, *self._notes]
+
+    @property
+    def settling_ends_s(self) -> float:
+        """Time in s from which contacts are detected.
+
+        Until then, the baseline and its noise are estimated from ``readout.settling_s`` of samples
+        in which nothing touches the film. NaN before the first sample.
+        """
+        if self._settling is None:
+            return self._settled_at_s
+        return self._settling.ends_s
 
     def update(self, t: float, readings: Mapping[str, float] | Sequence[float]) -> TrackRow:
         """Process a sample and return the state of the tracker.
 
-        When a contact ends, its summary is appended to `touches`. At the first sample, if the time
-        does not increase, or after too long a pause, the tracker restarts and ignores the readings
-        of the sample; the summary of a contact that this cuts off is appended, too.
+        When a contact ends, its summary is appended to `touches`. A sample whose time or readings
+        are doubtful is held back until a few samples later; the row is then that of the last sample
+        that was processed, at the time of this one.
 
         Parameters
         ----------
@@ -131,7 +191,8 @@ class Tracker:
             Time of the sample in s.
         readings : mapping of str to float, or sequence of float
             Readings of the channels, by name or in the order of the response's electrodes. A
-            reading is missing if it is NaN or infinite, or if its name is not in the mapping.
+            reading is missing if it is NaN, infinite or masked, or if its name is not in the
+            mapping.
 
         Returns
         -------
@@ -144,29 +205,38 @@ class Tracker:
             If a name is unknown, or the number of readings is wrong.
         """
         values = self._coerce_readings(readings)
-        names = np.array(self.response.names)
-        missing = names[np.isnan(values)].tolist()
-        self._missing.update(missing)
-        voltages = self._circuit.compute_voltages(values, self._unit)
+        decided = self._clock.receive(t, values)
+        for stamped in decided:
+            self._receive(stamped)
+        if not decided:
+            self._row = replace(self._row, t_s=t)
+        return self._row
 
-        options = self._options
-        max_pause = options.max_pause_samples if self._contact else options.memory_samples
-        event = self._clock.classify(t, max_pause)
-        if event is not ClockEvent.TICK:
-            row = self._restart_at(t, event)
-            self._clock.restart(t)
-        else:
-            if self._contact:
-                row = self._continue_contact(t, voltages, self._contact)
-            else:
-                row = self._watch_baseline(t, voltages)
-            self._clock.tick(t)
-        if row.status == TrackStatus.SETTLING:
-            row = replace(row, settling_s=self.settling_ends_s - t)
-        return replace(row, missing=" ".join(missing)) if missing else row
+    def finish(self) -> TrackRow:
+        """Process the samples that are held back, and close a contact in progress.
 
-    def _coerce_readings(self, readings: Mapping[str, float] | Sequence[float]) -> Array:
-        """Convert the readings to an array in the order of the electrodes.
+        Call it when the stream has ended. A contact that has not ended is appended to `touches`
+        with the status ``lost``.
+
+        Returns
+        -------
+        TrackRow
+            State at the end, as by `update`.
+        """
+        for stamped in self._clock.flush():
+            self._receive(stamped)
+        for sample in self._filter.spikes.flush():
+            self._process(sample)
+        if self._contact:
+            if self._contact.is_significant:
+                number = len(self.touches) + 1
+                self._notes.append(f"touch {number} had not ended when the readings ended")
+            self._finish_contact(self._contact, TrackStatus.LOST)
+        self._note_end_of_settling()
+        return self._row
+
+    def _coerce_readings(self, readings: Mapping[str, float] | Sequence[float]) -> list[float]:
+        """Convert readings to voltages in the order of the electrodes.
 
         Parameters
         ----------
@@ -175,162 +245,278 @@ class Tracker:
 
         Returns
         -------
-        ndarray, shape (electrodes,)
-            Readings, NaN where they are missing.
+        list of float
+            Voltages in V before gain and offset, NaN where they are missing.
         """
-        names = self.response.names
+        names = self._names
         if isinstance(readings, Mapping):
             unknown = readings.keys() - {*names}
             if unknown:
                 name = min(unknown)
                 raise ValueError(f"readings.{name}: no such channel; {suggest(name, names)}")
             readings = [readings.get(name, math.nan) for name in names]
-        values = coerce_array("readings", readings)
-        if values.shape != (len(names),):
+        elif isinstance(readings, np.ma.MaskedArray):
+            readings = readings.astype(float).filled(math.nan)
+        if len(readings) != len(names):
             advice = f"give one for each of {', '.join(names)}"
-            raise ValueError(f"readings: {values.size} values; {advice}")
-        values[np.isinf(values)] = math.nan
-        return values
+            raise ValueError(f"readings: {len(readings)} values; {advice}")
+        voltages = []
+        for reading, scale, shift in zip(readings, self._scale, self._shift, strict=True):
+            try:
+                voltages.append(float(reading) * scale + shift)
+            except (TypeError, ValueError):
+                reason = "is not a number; give a number in the unit of the readings, or nan"
+                raise ValueError(f"readings = {reading!r:.40}: {reason}") from None
+        return voltages
 
-    @property
-    def settling_ends_s(self) -> float:
-        """Time in s from which contacts are detected, at the present sampling rate.
+    def _receive(self, stamped: StampedSample) -> None:
+        """Mark the readings of a sample, remove hum and spikes, and process what is decided."""
+        time_s = stamped.time_s
+        is_restart = stamped.event is ClockEvent.RESTART
+        gap_s = time_s - self._last_time_s
+        is_pause = gap_s > MIN_PAUSE_INTERVALS * self._clock.interval_s
+        sample = self._filter.mark(time_s, stamped.values, is_pause or is_restart)
+        if all(map(math.isnan, sample.voltages)):
+            self._row = self._make_row_without_readings(time_s)
+            return
+        if self._hum_is_learned:
+            cleaned = self._hum.subtract(time_s, sample.voltages)
+            if cleaned is not sample.voltages:
+                sample = sample._replace(voltages=cleaned.tolist())
+        if self._settling is not None:
+            self._last_time_s = time_s
+            self._settle(sample, self._settling)
+            return
+        decided = self._filter.spikes.receive(sample, self._clock.interval_s)
+        for filtered in decided:
+            self._process(filtered)
+        if not decided:
+            self._row = replace(self._row, t_s=time_s)
 
-        Until then, the baseline and its noise are estimated from `TrackOptions.settling_samples`
-        samples. NaN as long as the sampling interval is unknown.
-        """
-        needed = self._options.settling_samples + int(self._detector.windows[-1])
-        left = needed - self._baseline.sample_count - len(self._detector.samples)
-        if math.isinf(self._clock.interval_s):
-            return math.nan
-        return self._clock.time_s + left * self._clock.interval_s
-
-    def _restart_at(self, t: float, event: ClockEvent) -> TrackRow:
-        """Restart the tracker, except for its clock, and return the row of the sample.
-
-        A contact in progress is finished with the status ``lost`` after a pause, and ``clock``
-        otherwise.
+    def _settle(self, sample: FilteredSample, settling: Settling) -> None:
+        """Learn the baseline from a sample, and begin to watch it when it is known.
 
         Parameters
         ----------
-        t : float
-            Time of the sample in s.
-        event : ClockEvent
-            Reason of the restart.
+        sample : FilteredSample
+            The newest sample.
+        settling : Settling
+            The samples before.
         """
-        status = TrackStatus.LOST if event is ClockEvent.PAUSE else TrackStatus.CLOCK
-        if self._contact:
-            self._finish_contact(self._clock.time_s, self._contact, status)
-        self._restart()
-        return TrackRow(t, TrackStatus.SETTLING if event is ClockEvent.FIRST else status)
+        settled = settling.add(sample)
+        left_s = settling.ends_s - sample.time_s
+        self._row = TrackRow(sample.time_s, TrackStatus.SETTLING, settling_s=max(left_s, 0.0))
+        if settled is None:
+            return
+        self._settling = None
+        self._settled_at_s = sample.time_s
+        self._hum_is_learned = True
+        self._report_touch_while_settling(settling)
+        self._baseline.set_lines(settled.baseline, self._clock.interval_s)
+        longest = max(int(settled.sample_count * self._options.window_fraction), 1)
+        self._detector = ContactDetector(len(self._names), longest, self._options)
+        for pending in settled.pending:
+            self._last_time_s = pending.time_s
+            self._process(pending)
 
-    def _watch_baseline(self, t: float, voltages: Array) -> TrackRow:
+    def _report_touch_while_settling(self, settling: Settling) -> None:
+        """Append a touch that began while the baseline was learned to `touches`, without place."""
+        if math.isnan(settling.touched_from_s):
+            return
+        touch = TouchSummary(
+            settling.touched_from_s,
+            TrackStatus.SETTLING,
+            touch=len(self.touches) + 1,
+            onset_s=settling.touched_from_s,
+            end_s=settling.touched_to_s,
+        )
+        self.touches.append(touch)
+        self._notes.append(
+            f"the film was touched, or the readings drifted, from {touch.onset_s:.3f} to "
+            f"{touch.end_s:.3f} s while the baseline was learned: this is not located; keep the "
+            f"film free for {self._settling_s:g} s"
+        )
+
+    def _note_end_of_settling(self) -> None:
+        """Note that the baseline was not learned by the end of the stream."""
+        settling = self._settling
+        if settling is None:
+            return
+        if math.isnan(settling.touched_from_s):
+            reason = f"fewer than readout.settling_s = {self._settling_s:g} s of readings"
+            advice = "give longer readings, or a smaller settling_s"
+        else:
+            reason = f"the readings were not steady after {settling.touched_from_s:.3f} s"
+            advice = "keep the film free at the start"
+        self._notes.append(f"the baseline was not learned: {reason}; {advice}")
+
+    def _process(self, sample: FilteredSample) -> None:
+        """Process the next sample when its readings are decided."""
+        if self._contact:
+            self._continue_contact(sample, self._contact)
+        else:
+            self._watch_baseline(sample)
+        self._last_time_s = sample.time_s
+
+    def _watch_baseline(self, sample: FilteredSample) -> None:
         """Process a sample outside of contacts: begin a contact, or wait for the next sample.
 
         If no contact begins and the detector is full, its oldest sample is added to the baseline.
-        While the baseline settles, the deviations count as zero, so that no contact is detected.
 
         Parameters
         ----------
-        t : float
-            Time of the sample in s.
-        voltages : ndarray, shape (electrodes,)
-            Voltages of the channels in V.
+        sample : FilteredSample
+            The newest sample.
         """
-        baseline = self._baseline
         detector = self._detector
-        is_settling = baseline.sample_count < self._options.settling_samples
-        if is_settling:
-            baseline_error = np.zeros_like(voltages)
-            deviations = baseline_error
-        else:
-            baseline_error = baseline.compute_relative_error(t)
-            deviations = np.nan_to_num((voltages - baseline.predict(t)) / baseline.noise_V)
-        detector.samples.append(VoltageSample(t, voltages, deviations))
-        count = detector.count_contact_samples(baseline_error)
-        if count:
-            return self._begin_contact(count)
+        time_s = sample.time_s
+        if sample.follows_pause:
+            self._resume_after_pause(sample)
+        deviations = []
+        for channel, voltage in zip(self._baseline.channels, sample.voltages, strict=True):
+            if voltage == voltage and channel.is_settled:  # not NaN
+                deviations.append((voltage - channel.predict(time_s)) / channel.noise_V)
+            else:
+                deviations.append(0.0)
+        detector.add(VoltageSample(time_s, sample.voltages, sample.is_clipped, deviations))
+        if self._row_number % ERROR_UPDATE_SAMPLES == 0 or self._baseline.has_new_residual():
+            self._update_relative_errors(time_s)
+        self._row_number += 1
+        if detector.exceeds_threshold(self._relative_errors, self._baseline.noise_count):
+            self._begin_contact(sample)
+            return
         if detector.is_full:
             self._move_oldest_sample_to_baseline()
-        return TrackRow(t, TrackStatus.SETTLING if is_settling else TrackStatus.QUIET)
+        self._row = TrackRow(time_s, TrackStatus.QUIET, missing=self._list_missing(sample))
+
+    def _resume_after_pause(self, sample: FilteredSample) -> None:
+        """Continue the baseline at the first sample after a pause.
+
+        The samples before the pause enter the baseline. Touches during the pause may have left
+        voltages, or something may press already: both are a residual, which is taken from the
+        first sample if it deviates from the baseline.
+
+        Parameters
+        ----------
+        sample : FilteredSample
+            First sample after the pause.
+        """
+        while len(self._detector):
+            self._move_oldest_sample_to_baseline()
+        self._detector.clear()
+        time_s = sample.time_s
+        interval_s = self._clock.interval_s
+        for channel, voltage in zip(self._baseline.channels, sample.voltages, strict=True):
+            deviation_V = voltage - channel.predict(time_s)
+            error = channel.compute_relative_error(time_s, interval_s)
+            limit_V = MAX_PAUSE_DEVIATIONS * math.hypot(1.0, error) * channel.noise_V
+            channel.age(time_s, interval_s)
+            if abs(deviation_V) > limit_V:
+                residual_V = voltage - channel.predict_line(time_s)
+                channel.replace_residual(time_s, residual_V, count=1)
+                self._unverified_until_s = time_s + self._settling_s / 2.0
+
+    def _update_relative_errors(self, time_s: float) -> None:
+        """Update the errors of the baseline relative to the noise; they change slowly."""
+        self._relative_errors = []
+        for channel in self._baseline.channels:
+            error = channel.compute_relative_error(time_s, self._clock.interval_s)
+            self._relative_errors.append(error)
 
     def _move_oldest_sample_to_baseline(self) -> None:
         """Move the oldest sample from the detector into the baseline."""
-        oldest = self._detector.samples.popleft()
-        self._baseline.add(oldest.time_s, oldest.voltages)
+        oldest = self._detector.remove_oldest()
+        self._baseline.add(oldest.time_s, oldest.voltages, self._clock.interval_s)
 
-    def _begin_contact(self, count: int) -> TrackRow:
-        """Begin a contact with the last samples of the detector, and return the last sample's row.
+    def _begin_contact(self, sample: FilteredSample) -> None:
+        """Begin a contact with the last samples of the detector.
 
         Earlier samples of the detector are added to the baseline.
 
         Parameters
         ----------
-        count : int
-            Number of samples that belong to the contact.
+        sample : FilteredSample
+            The newest sample.
         """
-        samples = self._detector.samples
-        while len(samples) > count:
+        detector = self._detector
+        count = detector.count_contact_samples(np.array(self._relative_errors))
+        while len(detector) > count:
             self._move_oldest_sample_to_baseline()
-        self._missing = set()
-        onset_s = samples[0].time_s - self._clock.interval_s
-        residual = self._baseline.predict_residual(onset_s)
-        contact = Contact(self._problem, self._circuit, onset_s, residual)
-        for sample in samples:
-            self._add_sample_to_contact(contact, sample.time_s, sample.voltages)
+        samples = detector.get_samples()
+        first = samples[0]
+        contact = Contact(
+            self._problem,
+            self._circuit,
+            baseline=self._baseline.take_snapshot(detector.drift_errors),
+            is_settled=self._baseline.is_settled,
+            onset_s=first.time_s - self._clock.interval_s,
+        )
+        contact.begins_in_pause = first.time_s < self._unverified_until_s
+        for earlier in samples:
+            self._add_sample_to_contact(earlier, contact)
         self._contact = contact
-        return self._make_contact_row(samples[-1].time_s, contact)
+        self._row = self._make_contact_row(sample, contact)
 
-    def _add_sample_to_contact(self, contact: Contact, t: float, voltages: Array) -> None:
-        """Add a sample to a contact, with the drift of the charges due to the baseline's error.
+    def _add_sample_to_contact(
+        self, sample: VoltageSample | FilteredSample, contact: Contact
+    ) -> ChargeSample:
+        """Add a sample to a contact, and return its charges."""
+        return contact.add(
+            sample.time_s,
+            np.array(sample.voltages),
+            np.array(sample.is_clipped),
+            interval_s=self._clock.interval_s,
+        )
 
-        Parameters
-        ----------
-        contact : Contact
-            Contact in progress.
-        t : float
-            Time of the sample in s.
-        voltages : ndarray, shape (electrodes,)
-            Voltages of the channels in V.
-
-        Notes
-        -----
-        A constant error e of the baseline voltage, integrated for a time t, adds the charge
-        (C + t/R) e.
-        """
-        baseline = self._baseline
-        elapsed_s = t - contact.record.onset_s
-        extrapolated = elapsed_s / self._clock.interval_s
-        error_V = baseline.noise_V * baseline.compute_relative_error(t, extrapolated)
-        drift_pC = (self._circuit.capacitance + self._circuit.conductance * elapsed_s) * error_V
-        above_line = voltages - baseline.predict(t) + baseline.predict_residual(t)
-        contact.add(t, above_line, baseline.noise_V, drift_pC)
-
-    def _continue_contact(self, t: float, voltages: Array, contact: Contact) -> TrackRow:
+    def _continue_contact(self, sample: FilteredSample, contact: Contact) -> None:
         """Process a sample during a contact, and finish the contact if it has ended or is lost.
 
         Parameters
         ----------
-        t : float
-            Time of the sample in s.
-        voltages : ndarray, shape (electrodes,)
-            Voltages of the channels in V.
+        sample : FilteredSample
+            The newest sample.
         contact : Contact
             Contact in progress.
         """
-        self._add_sample_to_contact(contact, t, voltages)
+        pause_s = sample.time_s - contact.record.end_s
+        if contact.is_lost_by_pause(pause_s):
+            self._finish_contact(contact, TrackStatus.LOST)
+            self._watch_baseline(sample._replace(follows_pause=True))
+            return
+        if pause_s > MIN_PAUSE_INTERVALS * self._clock.interval_s:
+            contact.record.note_pause(pause_s)
+        self._exclude_channels_without_signal(contact)
+        self._add_sample_to_contact(sample, contact)
         if contact.record.detect_end():
             contact.close()
-            self._finish_contact(t, contact)
-            return TrackRow(t, TrackStatus.QUIET)
-        if contact.is_lost:
-            self._finish_contact(t, contact, TrackStatus.LOST)
-            return TrackRow(t, TrackStatus.LOST)
-        return self._make_contact_row(t, contact)
+            self._finish_contact(contact)
+            self._row = TrackRow(sample.time_s, TrackStatus.QUIET)
+        elif contact.is_lost:
+            is_explained = contact.is_explained
+            self._finish_contact(contact, TrackStatus.LOST if is_explained else None)
+            if not is_explained:
+                # The readings of the unloaded film may have changed.
+                self._settling = self._make_settling()
+            self._row = TrackRow(sample.time_s, TrackStatus.LOST)
+        else:
+            self._row = self._make_contact_row(sample, contact)
 
-    def _finish_contact(
-        self, t: float, contact: Contact, status: TrackStatus | None = None
-    ) -> None:
+    def _exclude_channels_without_signal(self, contact: Contact) -> None:
+        """Exclude channels from a contact that froze in it, or have returned with another offset.
+
+        A channel that is found to be frozen has told wrong voltages for some samples already.
+
+        Parameters
+        ----------
+        contact : Contact
+            Contact in progress.
+        """
+        for number, channel in enumerate(self._baseline.channels):
+            is_frozen = self._filter.channels[number].validity is Validity.FROZEN
+            if contact.is_settled[number] and (is_frozen or not channel.is_settled):
+                contact.exclude_channel(number)
+
+    def _finish_contact(self, contact: Contact, status: TrackStatus | None = None) -> None:
         """Append the summary of a contact to `touches`, and return to watching the baseline.
 
         The voltages after the contact become the residual of the baseline, and the detector starts
@@ -338,18 +524,20 @@ class Tracker:
 
         Parameters
         ----------
-        t : float
-            Time of the last sample.
         contact : Contact
             Contact that has ended or is cut off.
         status : TrackStatus, optional
             Reason why the contact was cut off. Default: None, the contact has ended.
         """
-        self.touches.append(self._summarise_contact(contact, status))
-        end_s, voltages = contact.record.get_voltages_after_end()
-        self._baseline.replace_residual(end_s, t, voltages)
+        if contact.is_significant:
+            self.touches.append(self._summarise_contact(contact, status))
+        else:
+            self._faint_count += 1
+        times_s, voltages = contact.record.get_voltages_after_end()
+        self._baseline.replace_residuals(times_s, voltages)
         self._contact = None
-        self._detector = ContactDetector(len(self.response.names), self._options)
+        self._detector.clear()
+        self._update_relative_errors(float(times_s[-1]))
 
     def _summarise_contact(self, contact: Contact, status: TrackStatus | None) -> TouchSummary:
         """Summarise a contact at the sample from which it was last located.
@@ -367,8 +555,9 @@ class Tracker:
         record = contact.record
         locator = contact.locator
         candidates = locator.candidates
+        number = len(self.touches) + 1
         if candidates is None:
-            row = TrackRow(record.largest.time_s, TrackStatus.STARTING, len(self.touches) + 1)
+            row = TrackRow(contact.peak_time_s, TrackStatus.STARTING, touch=number)
         else:
             row = self._make_touch_row(
                 candidates.sample.time_s,
@@ -377,9 +566,16 @@ class Tracker:
                 chi_square=candidates.chi_square,
             )
         values = {field.name: getattr(row, field.name) for field in fields(row)}
-        values["missing"] = " ".join(sorted(self._missing))
+        values["missing"] = self._join_names(contact.was_missing)
+        values["clipped"] = self._join_names(contact.was_clipped)
         if status is not None:
             values["status"] = status
+        elif contact.is_hidden_by_clipping:
+            values["status"] = TrackStatus.CLIPPED
+            values["force_N"] = math.nan
+            values["force_deviation_N"] = math.nan
+        elif contact.begins_in_pause or record.is_peak_hidden:
+            values["status"] = TrackStatus.LOST
         return TouchSummary(
             **values,
             onset_s=record.onset_s,
@@ -387,20 +583,56 @@ class Tracker:
             impulse_N_s=math.nan if math.isnan(row.force_N) else locator.impulse_N_s,
         )
 
-    def _make_contact_row(self, t: float, contact: Contact) -> TrackRow:
+    def _join_names(self, is_named: Mask) -> str:
+        """Return the names of the channels in a mask, separated by spaces."""
+        return " ".join(name for name, chosen in zip(self._names, is_named, strict=True) if chosen)
+
+    def _list_missing(self, sample: FilteredSample) -> str:
+        """Return the names of the channels without a reading, separated by spaces."""
+        if not any(map(math.isnan, sample.voltages)):
+            return ""
+        return self._join_names(np.isnan(sample.voltages))
+
+    def _make_row_without_readings(self, time_s: float) -> TrackRow:
+        """Make the row of a sample in which all readings are missing."""
+        return TrackRow(
+            time_s,
+            self._row.status,
+            touch=len(self.touches) + 1 if self._contact else 0,
+            missing=" ".join(self._names),
+        )
+
+    def _make_contact_row(self, sample: FilteredSample, contact: Contact) -> TrackRow:
         """Make the row of the last sample of a contact; it has no position until it is located."""
         locator = contact.locator
+        missing = self._list_missing(sample)
+        clipped = self._join_names(sample.is_clipped) if any(sample.is_clipped) else ""
         if locator.candidates is None:
-            return TrackRow(t, TrackStatus.STARTING, len(self.touches) + 1)
+            return TrackRow(
+                sample.time_s,
+                TrackStatus.STARTING,
+                touch=len(self.touches) + 1,
+                missing=missing,
+                clipped=clipped,
+            )
         return self._make_touch_row(
-            t,
+            sample.time_s,
             locator.candidates,
             coordinates=locator.coordinates,
             chi_square=locator.chi_square,
+            missing=missing,
+            clipped=clipped,
         )
 
     def _make_touch_row(
-        self, t: float, candidates: CandidateTouches, coordinates: Array, chi_square: float
+        self,
+        t: float,
+        candidates: CandidateTouches,
+        *,
+        coordinates: Array,
+        chi_square: float,
+        missing: str = "",
+        clipped: str = "",
     ) -> TrackRow:
         """Make the row of a located touch, in the frame of the stage.
 
@@ -416,6 +648,8 @@ class Tracker:
             Coordinates of the touch at this time.
         chi_square : float
             Chi-square of the charges at this time.
+        missing, clipped : str
+            Names of the channels without a reading, and of clipped ones, in this sample.
         """
         problem = self._problem
         x_mm, y_mm, rotation_deg, force_N = problem.to_touches(coordinates[None])[0].tolist()
@@ -439,11 +673,13 @@ class Tracker:
             x_mm=x_mm,
             y_mm=y_mm,
             force_N=force_N,
-            rotation_deg=rotation_deg % find_rotation_period_deg(self.response),
+            rotation_deg=rotation_deg % self._rotation_period_deg,
             x_deviation_mm=x_deviation,
             y_deviation_mm=y_deviation,
             force_deviation_N=log_deviation * force_N,
             rotation_deviation_deg=rotation_deviation,
             chi_square=chi_square,
             alternatives=len(candidates),
+            missing=missing,
+            clipped=clipped,
         )

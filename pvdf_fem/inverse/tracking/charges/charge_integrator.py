@@ -9,6 +9,10 @@ from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 
 #: Height of the voltage above a limit at which it was clipped, at most, as a fraction of the limit.
 MAX_CLIPPED_HEIGHT = 0.5
+#: Smallest standard deviation of this height in the mean over the time, as a fraction of the limit.
+CLIPPED_HEIGHT_DEVIATION = 0.1
+#: Time over which the slope of a voltage is averaged.
+SLOPE_TIME_S = 5e-3
 
 
 class ChargeIntegrator:
@@ -101,7 +105,8 @@ class ChargeIntegrator:
             is_known = is_measured & ~follows_gap
             self._add_sampling_variance(step, np.where(is_known, arrived / step, np.nan), noise_V)
 
-        self._slopes = np.where(is_measured, rise / waited, self._slopes)
+        weight = np.where(is_measured, np.minimum(waited / SLOPE_TIME_S, 1.0), 0.0)
+        self._slopes = self._slopes + weight * (rise / waited - self._slopes)
         self._voltages = self._voltages + rise
         self._measured_at_s = np.where(is_measured, time_s, self._measured_at_s)
         self._was_clipped = np.where(is_measured, False, self._was_clipped | is_clipped)
@@ -132,8 +137,9 @@ class ChargeIntegrator:
         -----
         A parabola that leaves the limit with the slope s and comes back after the time w has the
         area s w²/6 above the limit. A touch that is held stays lower, so that the height is
-        bounded. The standard deviation is the excess itself; without clipping it is half of the
-        rise, or the area of a cubic that begins with the slope s and ends level, if that is larger.
+        bounded. The standard deviation is the excess itself, and at least a tenth of the area below
+        the limit; without clipping it is half of the rise, or the area of a cubic that begins with
+        the slope s and ends level, if that is larger.
         """
         sign = np.sign(self._voltages)
         height = np.clip(sign * self._slopes * waited / 6.0, 0.0, None)
@@ -142,7 +148,9 @@ class ChargeIntegrator:
         half_rise = np.abs(waited * rise / 2.0)
         curved = np.abs(self._slopes) * np.square(waited) / 12.0
         curved = np.minimum(curved, MAX_CLIPPED_HEIGHT * np.abs(self._voltages) * waited)
-        deviation = np.where(self._was_clipped, np.abs(excess), np.maximum(half_rise, curved))
+        unknown = CLIPPED_HEIGHT_DEVIATION * np.abs(self._voltages) * waited
+        clipped_deviation = np.maximum(np.abs(excess), unknown)
+        deviation = np.where(self._was_clipped, clipped_deviation, np.maximum(half_rise, curved))
         return excess, deviation
 
     def _add_sampling_variance(self, step: float, rate: Array, noise_V: Array) -> None:

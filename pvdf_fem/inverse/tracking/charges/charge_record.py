@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,14 @@ END_CHECK_GROWTH = 1.0 / 64.0
 SLOPE_ROWS = 4
 #: A pause may have hidden the peak if the charges in it may have exceeded it by this factor.
 HIDDEN_PEAK_FACTOR = 1.02
+
+
+class ChargeChange(NamedTuple):
+    """Change of the mean charges between two equally long series of rows."""
+
+    count: int  #: Number of rows in each series.
+    difference: Array  #: Charges of the later less those of the earlier rows in pC.
+    variance: Array  #: Variance of the difference in pC² by noise and drift.
 
 
 class ChargeRecord:
@@ -150,6 +159,22 @@ class ChargeRecord:
         slope = max(float(sizes[-1] - sizes[0]), 0.0) / float(rows.time_s[-1] - rows.time_s[0])
         self._hidden_size = max(self._hidden_size, float(sizes[-1]) + slope * duration_s / 4.0)
 
+    def exclude_channel(self, number: int) -> None:
+        """Count the charges of a channel as missing in all samples so far.
+
+        Parameters
+        ----------
+        number : int
+            Number of the electrode.
+        """
+        rows = self._buffer.all_rows
+        rows.charges_pC[:, number] = 0.0
+        rows.noise_variance[:, number] = ChargeSample.MISSING
+        self._kept_peak = self._kept_peak and self._kept_peak.without_channel(number)
+        self.largest = self.largest and self.largest.without_channel(number)
+        if self.largest:
+            self._largest_size = float(np.linalg.norm(self.largest.charges_pC))
+
     def _keep_peak_before_rows_are_halved(self) -> None:
         """Keep the peak of the rows if the next sample makes them coarser."""
         buffer = self._buffer
@@ -223,8 +248,8 @@ class ChargeRecord:
         """Decide whether the contact has ended, and set `still_count` in either case.
 
         A contact has ended when its charges have stopped changing and are zero within their
-        errors. If they are small but not zero within their errors, they must have been constant
-        for four times as long. Charges that have never been significantly above the noise end the
+        errors, or when they are negligible and hardly change. If they are small, they must have been constant for four times as
+        long. Charges that have never been significantly above the noise end the
         contact only after `TrackOptions.patience_samples`. A clipped contact has not ended.
 
         Returns
@@ -236,44 +261,58 @@ class ChargeRecord:
             return False
         self._next_end_check = (1.0 + END_CHECK_GROWTH) * self._buffer.sample_count
         options = self.options
-        count = self._count_still_rows(options.still_fraction)
-        self.still_count = count
         last = self._require(self.last)
-        if not count or last.is_clipped.any():
+        self.still_count = 0
+        change = self._compare_last_rows(options.still_fraction)
+        if change is None or last.is_clipped.any():
             return False
         largest = self._require(self.largest)
-        residual, noise_variance = self._average_charges(-count, count)
+        residual, noise_variance = self._average_charges(-change.count, change.count)
+        size_square = float(np.square(largest.charges_pC).sum())
+        fraction = float(residual @ largest.charges_pC) / size_square if size_square else 0.0
+        is_negligible = fraction < options.negligible_residual_fraction
+        is_still = _is_within_noise(change.difference, change.variance)
+        if not is_still:
+            limit = options.negligible_change_fraction**2 * size_square
+            is_still = is_negligible and float(np.square(change.difference).sum()) < limit
+        if not is_still:
+            return False
+        self.still_count = change.count
         variance = self.accumulated_variance + noise_variance
         if _is_within_noise(residual, variance):
             # Charges that have not exceeded their noise so far may still grow.
-            change = largest.charges_pC - residual
-            has_risen = not _is_within_noise(change, variance + largest.noise_variance)
+            rise = largest.charges_pC - residual
+            has_risen = not _is_within_noise(rise, variance + largest.noise_variance)
             return has_risen or len(self) > options.patience_samples
-        projection = residual @ largest.charges_pC
-        limit = options.max_residual_fraction * np.square(largest.charges_pC).sum()
-        return bool(projection < limit and self._count_still_rows(4.0 * options.still_fraction))
+        if is_negligible:
+            return True
+        if fraction > options.max_residual_fraction:
+            return False
+        longer = self._compare_last_rows(4.0 * options.still_fraction)
+        return longer is not None and _is_within_noise(longer.difference, longer.variance)
 
-    def _count_still_rows(self, fraction: float) -> int:
-        """Return the number of last rows that are compared if their charges are constant, or 0.
-
-        The charges were constant if the mean of these rows equals, within its error, the mean of
-        equally many rows before them.
+    def _compare_last_rows(self, fraction: float) -> ChargeChange | None:
+        """Compare the mean charges of the last rows with that of equally many rows before them.
 
         Parameters
         ----------
         fraction : float
             Number of rows to compare, as a fraction of all rows of the contact; at least
             `TrackOptions.min_still_samples` are compared.
+
+        Returns
+        -------
+        ChargeChange or None
+            None if there are too few rows.
         """
         row_count = len(self._buffer)
         count = max(self.options.min_still_samples, int(fraction * row_count))
         if row_count <= 2 * count:
-            return 0
+            return None
         earlier, earlier_noise = self._average_charges(-2 * count, count)
         later, later_noise = self._average_charges(-count, count)
         walk = self._compute_error_variance_since(row_count - 2 * count)
-        is_still = _is_within_noise(later - earlier, walk + earlier_noise + later_noise)
-        return count if is_still else 0
+        return ChargeChange(count, later - earlier, variance=walk + earlier_noise + later_noise)
 
     def _average_charges(self, first: int, count: int) -> tuple[Array, Array]:
         """Average the charges of consecutive rows, weighted by the inverse noise variance.

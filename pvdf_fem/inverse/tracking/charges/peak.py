@@ -53,7 +53,7 @@ def smooth_charges(window: BufferedSamples, weights: Array) -> ChargeSample:
     weights : ndarray, shape (samples,)
         Weights of the samples, with the sum 1.
     """
-    is_measured = window.noise_variance < ChargeSample.MISSING
+    is_measured = window.noise_variance < ChargeSample.MAX_VARIANCE
     weights_by_channel = weights[:, None] * is_measured
     total = weights_by_channel.sum(axis=0)
     noise = (np.square(weights_by_channel) * window.noise_variance).sum(axis=0)

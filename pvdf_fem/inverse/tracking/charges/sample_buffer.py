@@ -85,6 +85,11 @@ class SampleBuffer:
         return is_last_row and self._partial_count == self.samples_per_row - 1
 
     @property
+    def all_rows(self) -> BufferedSamples:
+        """All rows, also the one that is not complete and those that are not filled yet."""
+        return self._rows
+
+    @property
     def rows(self) -> BufferedSamples:
         """The complete rows."""
         return self._rows.select(slice(self.row_count))

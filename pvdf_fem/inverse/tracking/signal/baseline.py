@@ -11,9 +11,14 @@ import numpy as np
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
+from pvdf_fem.inverse.tracking.signal.decay_fit import DecayFit
 
 #: A channel takes part in the detection of contacts when its line holds this many samples.
 MIN_LINE_SAMPLES = 8
+#: From this number of samples on, the errors of lines and residuals change slowly.
+MANY_SAMPLES = 64
+#: A level is known when its standard error is below this number of noise deviations.
+MAX_LEVEL_ERROR = 0.5
 #: Residual voltages are neglected after this number of time constants, exp(-40) = 4e-18.
 MAX_TIME_CONSTANTS = 40.0
 
@@ -29,6 +34,9 @@ class ChannelBaseline:
         Rate 1/(R C) in 1/s at which the voltage decays; zero without a resistance.
     min_noise_V : float
         Lower bound of the standard deviation of a voltage.
+
+    Attributes
+    ----------
     memory : float
         Memory of the filter in samples.
 
@@ -42,25 +50,26 @@ class ChannelBaseline:
     """
 
     __slots__ = (
+        "_decay_fit",
         "_decay_rate",
         "_level",
-        "_memory",
         "_min_noise_V",
         "_residual",
         "_residual_at_s",
         "_residual_count",
         "_slope",
         "line_count",
+        "memory",
         "noise_V",
         "noise_count",
         "noise_variance",
         "time_s",
     )
 
-    def __init__(self, decay_rate: float, min_noise_V: float, memory: float) -> None:
+    def __init__(self, decay_rate: float, min_noise_V: float) -> None:
         self._decay_rate = decay_rate
         self._min_noise_V = min_noise_V
-        self._memory = memory
+        self.memory = math.inf
         self.line_count = 0  #: Number of samples that the line holds.
         self.noise_count = 0  #: Number of samples that the noise was estimated from.
         self.noise_variance = 0.0  #: Estimated variance of a voltage in V².
@@ -73,6 +82,7 @@ class ChannelBaseline:
         self._residual = 0.0
         self._residual_at_s = 0.0
         self._residual_count = 1
+        self._decay_fit: DecayFit | None = None  # While the line is learned again.
 
     @property
     def is_settled(self) -> bool:
@@ -87,7 +97,7 @@ class ChannelBaseline:
             self._level,
             self._slope,
             self.noise_V,
-            max(min(self.line_count, 3.2 * self._memory), 1.0),
+            max(min(self.line_count, 3.2 * self.memory), 1.0),
             self._residual,
             self._residual_at_s,
             self._residual_count,
@@ -115,6 +125,7 @@ class ChannelBaseline:
         self.time_s = time_s
         self._level = level
         self._slope = slope
+        self._decay_fit = None
         self.line_count = count
         self._residual = 0.0
         self._residual_at_s = time_s
@@ -123,9 +134,13 @@ class ChannelBaseline:
             self._set_noise_variance(noise_V**2)
 
     def forget_line(self) -> None:
-        """Forget the line, so that it is learned again from the next samples; keep the noise."""
+        """Forget the line, so that it is learned again from the next samples; keep the noise.
+
+        A voltage that decays is told from its level by a fit of both.
+        """
         self.line_count = 0
         self._residual = 0.0
+        self._decay_fit = DecayFit(self._decay_rate) if self._decay_rate else None
 
     def predict_line(self, time_s: float) -> float:
         """Predict the voltage in V without the residual of the last contact."""
@@ -145,15 +160,15 @@ class ChannelBaseline:
         """Compute the fraction of the residual that remains at a given time."""
         return math.exp(-self._decay_rate * (time_s - self._residual_at_s))
 
-    def compute_relative_error(self, time_s: float, extrapolated: float) -> float:
+    def compute_relative_error(self, time_s: float, interval_s: float) -> float:
         """Compute the standard error of the predicted voltage, relative to the noise.
 
         Parameters
         ----------
         time_s : float
             Time of the prediction.
-        extrapolated : float
-            Number of sampling intervals since the last sample that was added.
+        interval_s : float
+            Sampling interval.
 
         Returns
         -------
@@ -166,26 +181,36 @@ class ChannelBaseline:
         the filter with a memory of m samples has 5/(4 m). The residual of a contact is a mean over
         the samples after it, so that its error is 1/√(number of samples), and decays with it.
         """
-        # A line through 3.2 m samples is as accurate as the filter: 4/(3.2 m) = 5/(4 m).
-        count = max(min(self.line_count, 3.2 * self._memory), 1.0)
-        line_error = 2.0 / math.sqrt(count) * (1.0 + extrapolated / count)
+        line_error = self._compute_line_error(time_s, interval_s)
         if not self._residual:
             return line_error
         return math.hypot(line_error, self._compute_decay(time_s) / math.sqrt(self._residual_count))
 
-    def age(self, time_s: float, extrapolated: float) -> None:
+    def _compute_line_error(self, time_s: float, interval_s: float) -> float:
+        """Compute the error of the line; see `compute_relative_error`."""
+        # A line through 3.2 m samples is as accurate as the filter: 4/(3.2 m) = 5/(4 m).
+        count = max(min(self.line_count, 3.2 * self.memory), 1.0)
+        extrapolated = (time_s - self.time_s) / interval_s
+        return 2.0 / math.sqrt(count) * (1.0 + extrapolated / count)
+
+    def age(self, time_s: float, interval_s: float) -> None:
         """Forget as much of the line as a pause has made uncertain.
 
         Parameters
         ----------
         time_s : float
             End of the pause.
-        extrapolated : float
-            Length of the pause in sampling intervals.
+        interval_s : float
+            Sampling interval.
         """
-        error = self.compute_relative_error(time_s, extrapolated)
+        error = self._compute_line_error(time_s, interval_s)
         # A line through 4/e² samples has the error e.
         self.line_count = max(min(self.line_count, int(4.0 / error**2)), 1)
+
+    def has_new_residual(self) -> bool:
+        """Whether the line or the residual holds so few samples that its error changes quickly."""
+        is_new = bool(self._residual) and self._residual_count < MANY_SAMPLES
+        return is_new or self.line_count < MANY_SAMPLES
 
     def replace_residual(self, time_s: float, voltage: float, count: int) -> None:
         """Replace the residual of the last contact.
@@ -215,6 +240,9 @@ class ChannelBaseline:
         interval_s : float
             Sampling interval.
         """
+        if self._decay_fit:
+            self._add_to_decay_fit(time_s, voltage, self._decay_fit)
+            return
         self.line_count += 1
         count = self.line_count
         if count == 1:
@@ -223,8 +251,8 @@ class ChannelBaseline:
             self.time_s = time_s
             return
         pairs = count * (count + 1.0)
-        level_gain = max((4.0 * count - 2.0) / pairs, 2.0 / self._memory)
-        slope_gain = max(6.0 / pairs, 1.0 / self._memory**2)
+        level_gain = max((4.0 * count - 2.0) / pairs, 2.0 / self.memory)
+        slope_gain = max(6.0 / pairs, 1.0 / self.memory**2)
         step_s = time_s - self.time_s
         line = self._level + self._slope * step_s
         error = voltage - line
@@ -236,6 +264,32 @@ class ChannelBaseline:
         self.time_s = time_s
         if count > 2:
             self._update_noise(error)
+
+    def _add_to_decay_fit(self, time_s: float, voltage: float, fit: DecayFit) -> None:
+        """Add a sample to the fit of level and residual, and continue from it when it is known.
+
+        Parameters
+        ----------
+        time_s : float
+            Time of the sample.
+        voltage : float
+            Voltage in V.
+        fit : DecayFit
+            Fit to the samples before.
+        """
+        fit.add(time_s, voltage)
+        if fit.count < MANY_SAMPLES / 2 or fit.count % MIN_LINE_SAMPLES:
+            return
+        fitted = fit.solve()
+        if fitted.relative_error > MAX_LEVEL_ERROR:
+            return
+        self._decay_fit = None
+        self.time_s = time_s
+        self._level = fitted.level_V
+        self._slope = 0.0
+        # A line through 4/e² samples has the error e.
+        self.line_count = int(4.0 / fitted.relative_error**2)
+        self.replace_residual(time_s, fitted.residual_V, count=self.line_count)
 
     def _correct_residual(self, time_s: float, error: float, level_gain: float) -> float:
         """Correct the residual by a sample, and return the residual that was predicted for it.
@@ -269,7 +323,7 @@ class ChannelBaseline:
         # Variance of the prediction error of a line through count - 1 samples, divided by the
         # variance of the noise.
         ratio = count * (count + 1.0) / ((count - 1.0) * (count - 2.0))
-        weight = max(1.0 / max(self.noise_count - 2, 1), 1.0 / self._memory)
+        weight = max(1.0 / max(self.noise_count - 2, 1), 1.0 / self.memory)
         change = error * error / ratio - self.noise_variance
         self._set_noise_variance(self.noise_variance + weight * change)
 
@@ -277,6 +331,18 @@ class ChannelBaseline:
         """Set the noise variance, and the standard deviation that it gives."""
         self.noise_variance = variance
         self.noise_V = max(math.sqrt(variance), self._min_noise_V)
+
+
+@dataclass(frozen=True, eq=False)
+class SettledBaseline:
+    """Straight lines through samples without a touch, in arrays of shape (electrodes,)."""
+
+    time_s: float  #: Time of the last sample of the lines.
+    level: Array  #: Voltages in V on the lines at this time.
+    slope: Array  #: In V/s.
+    residual: Array  #: Voltages in V that earlier touches have left at this time.
+    noise_V: Array  #: Standard deviations of a voltage about the lines.
+    count: Array  #: Number of voltages on each line; 0 for a channel without a signal.
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,6 +358,7 @@ class BaselineSnapshot:
     residual_at_s: Array  #: Time of the residual.
     residual_count: Array  #: Number of samples that the residual is the mean of.
     decay_rate: Array  #: Rate 1/(R C) in 1/s.
+    drift_error: Array  #: Error by drifts that the line has not followed, relative to the noise.
 
     def predict_line(self, time_s: float) -> Array:
         """Predict the voltages in V without the residual of the last contact."""
@@ -317,7 +384,8 @@ class BaselineSnapshot:
         line_error = 2.0 / np.sqrt(self.line_count) * (1.0 + extrapolated / self.line_count)
         has_residual = self.residual != 0.0
         residual_error = self._compute_decay(time_s) / np.sqrt(self.residual_count)
-        return np.hypot(line_error, has_residual * residual_error)
+        smooth_error = np.hypot(line_error, self.drift_error)
+        return np.hypot(smooth_error, has_residual * residual_error)
 
     def _compute_decay(self, time_s: float) -> Array:
         """Compute the fractions of the residuals that remain at a given time."""
@@ -346,10 +414,10 @@ class Baseline:
         self.circuit = circuit
         decay_rates = (circuit.conductance / circuit.capacitance).tolist()
         min_noises_V = np.maximum(circuit.noise, options.min_noise_V).tolist()
-        memory = float(options.memory_samples)
+        self._options = options
         self.channels = []
         for decay_rate, min_noise_V in zip(decay_rates, min_noises_V, strict=True):
-            self.channels.append(ChannelBaseline(decay_rate, min_noise_V, memory))
+            self.channels.append(ChannelBaseline(decay_rate, min_noise_V))
 
     @property
     def is_settled(self) -> Mask:
@@ -370,10 +438,41 @@ class Baseline:
         counts = [channel.noise_count for channel in self.channels if channel.is_settled]
         return min(counts, default=0)
 
-    def take_snapshot(self) -> BaselineSnapshot:
-        """Return the present state of all channels, which predicts voltages during a contact."""
+    def take_snapshot(self, drift_errors: Array) -> BaselineSnapshot:
+        """Return the present state of all channels, which predicts voltages during a contact.
+
+        Parameters
+        ----------
+        drift_errors : ndarray, shape (electrodes,)
+            Errors by drifts that the lines have not followed, relative to the noise.
+        """
         states = np.array([channel.state for channel in self.channels])
-        return BaselineSnapshot(*states.T)
+        return BaselineSnapshot(*states.T, drift_errors)
+
+    def set_lines(self, settled: SettledBaseline, interval_s: float) -> None:
+        """Set the lines and the noise of all channels to those that were learned.
+
+        Parameters
+        ----------
+        settled : SettledBaseline
+            Lines and noise.
+        interval_s : float
+            Sampling interval, which the memory of the filter is set by.
+        """
+        options = self._options
+        memory = max(options.memory_s / interval_s, options.min_memory_samples)
+        for number, channel in enumerate(self.channels):
+            channel.memory = memory
+            channel.set_line(
+                settled.time_s,
+                float(settled.level[number]),
+                float(settled.slope[number]),
+                noise_V=float(settled.noise_V[number]),
+                count=int(settled.count[number]),
+            )
+            residual = float(settled.residual[number])
+            if residual:
+                channel.replace_residual(settled.time_s, residual, count=channel.line_count)
 
     def replace_residuals(self, times_s: Array, voltages: Array) -> None:
         """Replace the residuals by the means of the decayed voltages that a contact has left.
@@ -383,7 +482,8 @@ class Baseline:
         times_s : ndarray, shape (samples,)
             Times after the end of the contact.
         voltages : ndarray, shape (samples, electrodes)
-            Voltages in V above the line at these times. A channel without any has no residual.
+            Voltages in V above the line at these times. A channel without any has no residual; a
+            channel whose line is being learned starts again.
         """
         end_s = float(times_s[-1])
         decay = self.circuit.compute_decay(end_s - times_s)
@@ -392,7 +492,11 @@ class Baseline:
         sums = np.where(is_measured, voltages * decay, 0.0).sum(axis=0)
         means = sums / np.maximum(counts, 1)
         for channel, mean, count in zip(self.channels, means.tolist(), counts, strict=True):
-            channel.replace_residual(end_s, mean, max(int(count), 1))
+            if channel.is_settled:
+                channel.replace_residual(end_s, mean, max(int(count), 1))
+            else:
+                # The contact has changed the voltage that the channel is learned from.
+                channel.forget_line()
 
     def add(self, time_s: float, voltages: Sequence[float], interval_s: float) -> None:
         """Update the channels with a sample without a contact.
@@ -410,7 +514,6 @@ class Baseline:
             if voltage == voltage:  # not NaN
                 channel.add(time_s, voltage, interval_s)
 
-    def age(self, time_s: float, extrapolated: float) -> None:
-        """Forget as much of the lines as a pause has made uncertain; see `ChannelBaseline.age`."""
-        for channel in self.channels:
-            channel.age(time_s, extrapolated)
+    def has_new_residual(self) -> bool:
+        """Whether the errors of a channel change quickly; see `ChannelBaseline`."""
+        return any(channel.has_new_residual() for channel in self.channels)

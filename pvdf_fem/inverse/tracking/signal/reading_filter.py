@@ -8,6 +8,7 @@ from enum import IntEnum, auto
 from typing import NamedTuple
 
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline, ChannelBaseline
+from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 
 #: Voltages beyond this magnitude in V are missing: no converter has such a range.
 MAX_VOLTAGE_V = 1e6
@@ -256,16 +257,18 @@ class ReadingFilter:
 
     Parameters
     ----------
-    limits : sequence of (float, float)
-        Lowest and highest voltage in V that each channel's converter can tell.
+    circuit : ReadoutCircuit
+        Lowest and highest voltage that each channel's converter can tell.
     baseline : Baseline
         Baseline and noise of the channels.
     """
 
-    def __init__(self, limits: Sequence[tuple[float, float]], baseline: Baseline) -> None:
+    def __init__(self, circuit: ReadoutCircuit, baseline: Baseline) -> None:
         self._baseline = baseline
         self.channels = []
-        for (low_V, high_V), channel in zip(limits, baseline.channels, strict=True):
+        lows_V = circuit.low_V.tolist()
+        highs_V = circuit.high_V.tolist()
+        for low_V, high_V, channel in zip(lows_V, highs_V, baseline.channels, strict=True):
             self.channels.append(ChannelFilter(low_V, high_V, channel))
         self.spikes = SpikeFilter(baseline)
         #: Number of clipped readings, and of readings of frozen channels, by channel.
@@ -327,3 +330,23 @@ class ReadingFilter:
         first = max(len(self.spikes.held) - repeat_count + 1, 0)
         for sample in self.spikes.held[first:]:
             sample.voltages[number] = math.nan
+
+    def describe(self, names: Sequence[str]) -> list[str]:
+        """Return a sentence for each kind of readings that were no values.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Names of the channels.
+        """
+        kinds = (
+            (self.clipped_counts, "readings were clipped: they count as limits; widen the range"),
+            (self.frozen_counts, "readings repeated the last one: they count as missing"),
+            (self.spikes.spike_counts, "readings were spikes: they count as missing"),
+        )
+        sentences = []
+        for counts, text in kinds:
+            shown = [f"{count} of {name}" for name, count in zip(names, counts, strict=True) if count]
+            if shown:
+                sentences.append(f"{', '.join(shown)}: {text}")
+        return sentences

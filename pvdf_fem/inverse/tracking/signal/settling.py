@@ -3,39 +3,56 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
 
 from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.inverse.tracking.signal.baseline import SettledBaseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
 from pvdf_fem.inverse.tracking.signal.reading_filter import FilteredSample
 
 #: Fewest samples from which a baseline is learned, however slow the sampling is.
 MIN_SETTLING_SAMPLES = 16
+MIN_FIT_SAMPLES = 4  #: Fewest voltages of a channel that a line is fitted to.
 #: Number of parts of the samples whose means must lie on a line.
 PART_COUNT = 8
 #: Probability that noise alone is taken for a touch.
 UNSTEADY_PROBABILITY = 1e-6
 #: Means of parts that deviate from a line by less than this, in noise deviations, are steady.
 MIN_UNSTEADY_DEVIATION = 0.5
-#: Residuals from the line beyond this number of robust deviations are spikes.
-SPIKE_DEVIATIONS = 6.0
+#: Spikes have at most this number of samples, and deviate from the samples before and after them by
+#: more noise deviations and a larger multiple of the difference of these samples.
+MAX_SPIKE_SAMPLES = 4
+SPIKE_DEVIATIONS = 10.0
+SPIKE_MULTIPLE = 3.0
+#: Deviations from the first samples that begin a touch, in noise deviations.
+ONSET_DEVIATIONS = 6.0
+#: A residual voltage is distinguished from the level if it decays by this number of time constants
+#: at least during the samples.
+MIN_TIME_CONSTANTS = 0.05
 #: A median of absolute values of a normal variable times this number is its standard deviation.
 MEDIAN_TO_DEVIATION = 1.4826
 
 
 @dataclass(frozen=True, eq=False)
-class SettledBaseline:
-    """Straight lines through samples without a touch, in arrays of shape (electrodes,)."""
+class SettledSamples:
+    """Baseline of the first samples, and the samples after them."""
 
-    time_s: float  #: Time of the last sample.
-    level: Array  #: Voltages in V on the lines at this time.
-    slope: Array  #: In V/s.
-    noise_V: Array  #: Standard deviations of a voltage about the lines.
-    count: Array  #: Number of voltages on each line; 0 for a channel without a signal.
+    baseline: SettledBaseline
+    sample_count: int  #: Number of samples that the baseline was learned from.
+    #: The last samples, without hum, which may already belong to a contact.
+    pending: list[FilteredSample]
+
+
+class FittedBaseline(NamedTuple):
+    """Baseline, and what it leaves unexplained."""
+
+    baseline: SettledBaseline
+    errors_V: Array  #: Voltages less those of the baseline, shape (n, electrodes).
 
 
 class Settling:
@@ -45,12 +62,14 @@ class Settling:
     ----------
     circuit : ReadoutCircuit
         Noise of the channels.
-    hum : MainsHum
-        Mains hum, which is learned from the same samples.
+    hum : MainsHum or None
+        Mains hum that is learned from the same samples; None if it is already subtracted.
     duration_s : float
         Time without a touch from which the baseline is learned.
     min_noise_V : float
         Lower bound of the standard deviation of a voltage.
+    expects_residual : bool
+        Whether a touch before may have left voltages that still decay.
 
     Attributes
     ----------
@@ -59,11 +78,19 @@ class Settling:
     """
 
     def __init__(
-        self, circuit: ReadoutCircuit, hum: MainsHum, duration_s: float, min_noise_V: float
+        self,
+        circuit: ReadoutCircuit,
+        hum: MainsHum | None,
+        *,
+        duration_s: float,
+        min_noise_V: float,
+        expects_residual: bool = False,
     ) -> None:
         self._hum = hum
         self._duration_s = duration_s
         self._min_noise_V = np.maximum(circuit.noise, min_noise_V)
+        self._decay_rate = circuit.conductance / circuit.capacitance
+        self._expects_residual = expects_residual
         self.samples: list[FilteredSample] = []
         self._next_attempt_s = math.nan
         self.touched_from_s = math.nan
@@ -74,12 +101,12 @@ class Settling:
         """Time in s at which the baseline is learned if nothing touches the film until then."""
         return self._next_attempt_s
 
-    def add(self, sample: FilteredSample) -> SettledBaseline | None:
+    def add(self, sample: FilteredSample) -> SettledSamples | None:
         """Add a sample, and learn the baseline if there are enough.
 
         Returns
         -------
-        SettledBaseline or None
+        SettledSamples or None
             None as long as the samples are too few, or the film is touched.
         """
         if not self.samples:
@@ -90,33 +117,109 @@ class Settling:
             return None
         return self._learn()
 
-    def _learn(self) -> SettledBaseline | None:
+    def _learn(self) -> SettledSamples | None:
         """Learn the baseline from the samples, or drop their older half if the film is touched."""
-        times_s = np.array([sample.time_s for sample in self.samples])
-        voltages = np.array([sample.voltages for sample in self.samples])
-        is_measured = _find_signals(voltages)
-        voltages = _remove_spikes(times_s, voltages)
-        self._hum.learn(times_s, voltages)
-        voltages = _remove_spikes(times_s, self._hum.subtract_block(times_s, voltages))
-        baseline = _fit_lines(times_s, voltages, self._min_noise_V)
-        line = baseline.level + baseline.slope * (times_s - baseline.time_s)[:, None]
-        residuals = np.where(is_measured, voltages - line, np.nan)
-        noise_V = np.maximum(_estimate_fast_noise(voltages), self._min_noise_V)
-        if _is_steady(residuals, noise_V):
-            if not math.isnan(self.touched_from_s):
-                self.touched_to_s = float(times_s[0])
-            return SettledBaseline(
-                baseline.time_s,
-                baseline.level,
-                baseline.slope,
-                noise_V=baseline.noise_V,
-                count=np.where(is_measured, baseline.count, 0),
-            )
+        samples = self.samples
+        times_s = np.array([sample.time_s for sample in samples])
+        voltages = np.array([sample.voltages for sample in samples])
+        voltages[np.array([sample.is_clipped for sample in samples])] = np.nan
+        voltages = _remove_spikes(voltages, self._estimate_noise(voltages))
+        if self._hum is not None:
+            self._hum.learn(times_s, voltages)
+            voltages = voltages - self._hum.predict(times_s)
+            voltages = _remove_spikes(voltages, self._estimate_noise(voltages))
+        noise_V = self._estimate_noise(voltages)
+        has_signal = _find_signals(voltages)
+        count = len(samples) - len(samples) // PART_COUNT
+        fitted = self._fit(times_s[:count], voltages[:count])
+        residuals = np.where(has_signal, fitted.errors_V, np.nan)
+        if not _is_steady(residuals, noise_V):
+            self._drop_older_half(times_s, voltages, noise_V)
+            return None
+        if not math.isnan(self.touched_from_s):
+            self.touched_to_s = float(times_s[0])
+        line_count = np.where(has_signal, fitted.baseline.count, 0)
+        pending = []
+        for sample, cleaned in zip(samples[count:], voltages[count:].tolist(), strict=True):
+            pending.append(sample._replace(voltages=cleaned))
+        return SettledSamples(replace(fitted.baseline, count=line_count), count, pending)
+
+    def _estimate_noise(self, voltages: Array) -> Array:
+        """Estimate the noise from second differences, which hardly contain the signal of a touch.
+
+        Returns
+        -------
+        ndarray, shape (electrodes,)
+            Standard deviations in V, at least the given noise.
+        """
+        differences = np.diff(voltages, n=2, axis=0)
+        # The squared coefficients of a second difference are 1 + 4 + 1.
+        deviation = MEDIAN_TO_DEVIATION * _compute_medians(np.abs(differences)) / math.sqrt(6.0)
+        return np.maximum(deviation, self._min_noise_V)
+
+    def _fit(self, times_s: Array, voltages: Array) -> FittedBaseline:
+        """Fit the voltages of each channel by a line, or by a level and a residual that decays.
+
+        The residual of a touch is curved, which a line and a residual would share. Therefore the
+        slope is zero where there is a residual.
+
+        Parameters
+        ----------
+        times_s : ndarray, shape (n,)
+            Times of the samples.
+        voltages : ndarray, shape (n, electrodes)
+            Voltages in V; NaN where they are missing.
+        """
+        offsets_s = times_s - times_s[-1]
+        decays = self._decay_rate * (times_s[-1] - times_s[0]) > MIN_TIME_CONSTANTS
+        has_residual = decays & self._expects_residual
+        channel_count = voltages.shape[1]
+        level = np.zeros(channel_count)
+        slope = np.zeros(channel_count)
+        residual = np.zeros(channel_count)
+        noise_V = self._min_noise_V.copy()
+        count = np.zeros(channel_count, dtype=int)
+        errors_V = np.full(voltages.shape, np.nan)
+        for channel in range(channel_count):
+            is_measured = ~np.isnan(voltages[:, channel])
+            count[channel] = is_measured.sum()
+            if count[channel] < MIN_FIT_SAMPLES:
+                continue
+            x = offsets_s[is_measured]
+            shape = np.exp(-self._decay_rate[channel] * x) if has_residual[channel] else x
+            basis = np.column_stack([np.ones_like(x), shape])
+            values = voltages[is_measured, channel]
+            (level[channel], second), *_ = np.linalg.lstsq(basis, values, rcond=None)
+            if has_residual[channel]:
+                residual[channel] = second
+            else:
+                slope[channel] = second
+            errors = values - basis @ np.array([level[channel], second])
+            errors_V[is_measured, channel] = errors
+            deviation = math.sqrt(errors @ errors / (len(errors) - 2))
+            noise_V[channel] = max(deviation, noise_V[channel])
+        baseline = SettledBaseline(
+            float(times_s[-1]), level, slope, residual=residual, noise_V=noise_V, count=count
+        )
+        return FittedBaseline(baseline, errors_V)
+
+    def _drop_older_half(self, times_s: Array, voltages: Array, noise_V: Array) -> None:
+        """Note that the film is touched, and go on with the newer half of the samples.
+
+        Parameters
+        ----------
+        times_s : ndarray, shape (n,)
+            Times of the samples.
+        voltages : ndarray, shape (n, electrodes)
+            Voltages in V.
+        noise_V : ndarray, shape (electrodes,)
+            Standard deviations of a voltage.
+        """
+        self._expects_residual = True
         if math.isnan(self.touched_from_s):
             self.touched_from_s = _find_onset(times_s, voltages, noise_V)
         self.samples = self.samples[len(self.samples) // 2 :]
         self._next_attempt_s = self.samples[0].time_s + self._duration_s
-        return None
 
 
 def _find_signals(voltages: Array) -> Mask:
@@ -133,35 +236,31 @@ def _find_signals(voltages: Array) -> Mask:
     return np.asarray(has_values & (varies | ~varies.any()))
 
 
-def _remove_spikes(times_s: Array, voltages: Array) -> Array:
-    """Replace voltages far from a robust line by NaN.
+def _remove_spikes(voltages: Array, noise_V: Array) -> Array:
+    """Replace single voltages and short bursts that leave the signal and come back by NaN.
 
     Parameters
     ----------
-    times_s : ndarray, shape (n,)
-        Times of the samples.
     voltages : ndarray, shape (n, electrodes)
         Voltages in V.
+    noise_V : ndarray, shape (electrodes,)
+        Standard deviations of a voltage.
 
     Returns
     -------
     ndarray, shape (n, electrodes)
-        Copy of the voltages. A voltage is a spike only if the sample before or after it, at a
-        distance of up to a sixteenth of the samples, is not: longer deviations are touches.
+        Copy of the voltages.
     """
-    local = _compute_local_medians(voltages)
-    residuals = voltages - local
-    deviation = MEDIAN_TO_DEVIATION * _compute_medians(np.abs(residuals))
-    limit = SPIKE_DEVIATIONS * np.maximum(deviation, 1e-12 * np.abs(local))
-    return np.where(np.abs(residuals) > limit, np.nan, voltages)
-
-
-def _compute_local_medians(voltages: Array) -> Array:
-    """Compute the median of each voltage and those around it, shape (n, electrodes)."""
-    half = max(len(voltages) // (2 * PART_COUNT), 2)
-    padded = np.pad(voltages, ((half, half), (0, 0)), mode="reflect")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0)
-    return _compute_medians(np.moveaxis(windows, -1, 0))
+    is_spike = np.zeros(voltages.shape, dtype=bool)
+    for length in range(1, MAX_SPIKE_SAMPLES + 1):
+        before = voltages[: -length - 1]
+        after = voltages[length + 1 :]
+        middle = (before + after) / 2.0
+        limit = SPIKE_DEVIATIONS * noise_V + SPIKE_MULTIPLE * np.abs(after - before)
+        for offset in range(1, length + 1):
+            inside = slice(offset, offset + len(middle))
+            is_spike[inside] |= np.abs(voltages[inside] - middle) > limit
+    return np.where(is_spike, np.nan, voltages)
 
 
 def _compute_medians(values: Array) -> Array:
@@ -172,50 +271,6 @@ def _compute_medians(values: Array) -> Array:
     middle = np.maximum(count - 1, 0) // 2
     median = np.take_along_axis(ordered, middle[None], axis=0)[0]
     return np.where(count > 0, median, 0.0)
-
-
-def _fit_lines(times_s: Array, voltages: Array, min_noise_V: Array) -> SettledBaseline:
-    """Fit a least-squares line to the voltages of each channel.
-
-    Parameters
-    ----------
-    times_s : ndarray, shape (n,)
-        Times of the samples.
-    voltages : ndarray, shape (n, electrodes)
-        Voltages in V; NaN where they are missing.
-    min_noise_V : ndarray, shape (electrodes,)
-        Lower bounds of the standard deviations.
-    """
-    end_s = float(times_s[-1])
-    is_measured = ~np.isnan(voltages)
-    count = is_measured.sum(axis=0)
-    divisor = np.maximum(count, 1)
-    weights = is_measured.astype(float)
-    offsets = (times_s - end_s)[:, None]
-    values = np.where(is_measured, voltages, 0.0)
-    mean_offset = (weights * offsets).sum(axis=0) / divisor
-    mean_value = values.sum(axis=0) / divisor
-    centred = weights * (offsets - mean_offset)
-    spread = np.maximum(np.square(centred).sum(axis=0), math.ulp(0.0))
-    slope = (centred * values).sum(axis=0) / spread
-    level = mean_value - slope * mean_offset
-    residuals = weights * (values - level - slope * offsets)
-    variance = np.square(residuals).sum(axis=0) / np.maximum(count - 2, 1)
-    noise_V = np.maximum(np.sqrt(variance), min_noise_V)
-    return SettledBaseline(end_s, level, slope, noise_V=noise_V, count=count)
-
-
-def _estimate_fast_noise(voltages: Array) -> Array:
-    """Estimate the noise from second differences, which hardly contain the signal of a touch.
-
-    Returns
-    -------
-    ndarray, shape (electrodes,)
-        Standard deviations in V.
-    """
-    differences = np.diff(voltages, n=2, axis=0)
-    # The squared coefficients of a second difference are 1 + 4 + 1.
-    return MEDIAN_TO_DEVIATION * _compute_medians(np.abs(differences)) / math.sqrt(6.0)
 
 
 def _is_steady(residuals: Array, noise_V: Array) -> bool:
@@ -263,5 +318,5 @@ def _find_onset(times_s: Array, voltages: Array, noise_V: Array) -> float:
     first_count = max(len(voltages) // PART_COUNT, 2)
     start = _compute_medians(voltages[:first_count])
     deviations = np.abs(voltages - start) / noise_V
-    is_changed = (deviations > SPIKE_DEVIATIONS).any(axis=1)
+    is_changed = (deviations > ONSET_DEVIATIONS).any(axis=1)
     return float(times_s[int(np.argmax(is_changed))])

@@ -1,0 +1,150 @@
+"""Search for mains hum of a nominal frequency in a block of samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.inverse.tracking.signal.harmonic_windows import (
+    CombinedPhasors,
+    WindowFits,
+    WindowPlan,
+    combine_windows,
+    discount_incomplete,
+    fill_missing,
+    fit_windows,
+    square_abs,
+)
+from pvdf_fem.inverse.tracking.signal.mains_oscillator import MainsOscillator, OscillatorDrift
+
+#: Lower bound of the variance of a voltage in V², and relative to that of the noisiest channel, so
+#: that a channel that was constant for a while recovers.
+MIN_VARIANCE_V2 = 1e-18
+MIN_RELATIVE_VARIANCE = 1e-2
+
+#: Fraction of the windows that has to agree.
+MIN_AGREEING_FRACTION = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class HumSearch:
+    """Result of a search for hum."""
+
+    oscillator: MainsOscillator  #: Started from the block if there is hum.
+    #: Squared amplitude relative to its expectation from noise, see `compute_significance`.
+    significance: float
+    agreeing_fraction: float  #: Fraction of the windows that fit and agree.
+    noise_variance: Array  #: Median over the windows in V², shape (electrodes,).
+
+
+def search_hum(
+    plan: WindowPlan,
+    times_s: Array,
+    voltages: Array,
+    *,
+    drift: OscillatorDrift,
+    min_significance: float,
+) -> HumSearch:
+    """Search for hum of the nominal frequency in a block of samples.
+
+    Parameters
+    ----------
+    plan : WindowPlan
+        Nominal frequency, harmonics and windows.
+    times_s : ndarray, shape (n,)
+        Times of the samples.
+    voltages : ndarray, shape (n, electrodes)
+        Voltages in V, NaN where they are missing.
+    drift : OscillatorDrift
+        Limit of the frequency, and rates at which the hum changes.
+    min_significance : float
+        Significance from which the oscillator is started, see `compute_significance`.
+
+    Returns
+    -------
+    HumSearch
+        With the significance 0 if there are less than three windows.
+
+    Notes
+    -----
+    The first fit is that at the nominal frequency. Two further fits use the frequency that was
+    estimated from the fit before. Missing voltages are interpolated without hum at first.
+    """
+    channel_count = voltages.shape[1]
+    oscillator = MainsOscillator(
+        plan.harmonics,
+        plan.nominal_Hz,
+        float(times_s[0]),
+        channel_count=channel_count,
+        drift=drift,
+    )
+    noise_variance = np.full(channel_count, MIN_VARIANCE_V2)
+    if len(times_s) < 3 * plan.window_samples:
+        return HumSearch(oscillator, 0.0, agreeing_fraction=0.0, noise_variance=noise_variance)
+    for _ in range(3):
+        fits = fit_block(oscillator, times_s, voltages, plan=plan)
+        noise_variance = bound_variance(np.median(fits.residual_variance, axis=0))
+        combined = combine_windows(fits, oscillator.phasors, noise_variance)
+        significance = compute_significance(combined)
+        if significance < min_significance:
+            break
+        oscillator.start(fits, combined)
+    return HumSearch(
+        oscillator,
+        significance,
+        agreeing_fraction=float(combined.weights.mean(axis=0).min()),
+        noise_variance=noise_variance,
+    )
+
+
+def fit_block(
+    oscillator: MainsOscillator, times_s: Array, voltages: Array, *, plan: WindowPlan
+) -> WindowFits:
+    """Fit the windows of a block with the phase that an oscillator predicts.
+
+    Parameters
+    ----------
+    oscillator : MainsOscillator
+        Predicts the phase, and the hum of missing voltages.
+    times_s : ndarray, shape (n,)
+        Times of the samples.
+    voltages : ndarray, shape (n, electrodes)
+        Voltages in V, NaN where they are missing.
+    plan : WindowPlan
+        Harmonics and windows.
+    """
+    phase_rad = oscillator.predict_phase(times_s)
+    filled = voltages
+    if np.isnan(voltages).any():
+        filled = fill_missing(voltages, oscillator.predict_hum(times_s))
+    fits = fit_windows(times_s, filled, phase_rad, plan)
+    return discount_incomplete(fits, times_s, voltages, plan)
+
+
+def compute_significance(combined: CombinedPhasors) -> float:
+    """Compute the largest squared amplitude relative to its expectation from noise.
+
+    Parameters
+    ----------
+    combined : CombinedPhasors
+        Phasors of a block.
+
+    Returns
+    -------
+    float
+        The largest value over the harmonics, of the mean over the electrodes or of half the value
+        of a single electrode. It is about 1 for noise. Where too few windows agree, an electrode
+        counts as 0.
+    """
+    ratio = square_abs(combined.phasors) / (2.0 * combined.variance)
+    agreeing_fraction = combined.weights.mean(axis=0)
+    ratio = np.where(agreeing_fraction < MIN_AGREEING_FRACTION, 0.0, ratio)
+    return float(max(ratio.mean(axis=1).max(), 0.5 * ratio.max()))
+
+
+def bound_variance(variance: Array) -> Array:
+    """Raise the variances of voltages in V², shape (electrodes,), to their lower bounds."""
+    finite = np.where(np.isfinite(variance), variance, 0.0)
+    return np.maximum(finite, max(MIN_RELATIVE_VARIANCE * finite.max(), MIN_VARIANCE_V2))
