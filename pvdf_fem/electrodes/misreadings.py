@@ -68,7 +68,7 @@ def list_misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misread
     for order in _list_wrong_channel_orders(len(channels)):
         text = _describe_order(names, order)
         yield Misreading("swapped_channels", text, order=order, factors=ones)
-    for units, ratio in _list_unit_ratios(channels, unit):
+    for units, ratio in list_unit_ratios(channels, unit):
         text = f"readings are in {' or '.join(units)}, not in {unit}"
         yield Misreading("wrong_unit", text, order=same_order, factors=ratio)
     yield Misreading("wrong_sign", "readings have the wrong sign", order=same_order, factors=-ones)
@@ -93,8 +93,8 @@ def _describe_order(names: Sequence[str], order: Sequence[int]) -> str:
     return text
 
 
-def _list_unit_ratios(channels: Sequence[Channel], unit: str) -> Iterator[tuple[list[str], Array]]:
-    """Yield every size of units that differs from the size of the given unit.
+def list_unit_ratios(channels: Sequence[Channel], unit: str) -> Iterator[tuple[list[str], Array]]:
+    """Yield the units whose size differs from that of a given unit, grouped by size.
 
     Yields
     ------
@@ -116,7 +116,10 @@ def _list_unit_ratios(channels: Sequence[Channel], unit: str) -> Iterator[tuple[
 
 
 def _list_wrong_channel_orders(count: int) -> Iterator[tuple[int, ...]]:
-    """Yield wrong orders of channels: all up to `MAX_PERMUTED` channels, else swaps of two."""
+    """Yield wrong orders of channels: all of them, or swaps of two if there are many channels.
+
+    The limit is `MAX_PERMUTED` channels.
+    """
     if count <= MAX_PERMUTED:
         orders = permutations(range(count))
         next(orders)  # skip the correct order

@@ -277,7 +277,7 @@ class _Searches:
         self._longest_steps = problem.longest_steps
         self._merge_distances = problem.merge_distances
         self._coordinates = problem.project_onto_bounds(np.array(initial))
-        self._damping = np.full(len(initial), options.min_damping)
+        self._compute_damping_matrices = np.full(len(initial), options.min_damping)
         self._converged = np.zeros(len(initial), dtype=bool)
         self._system = problem.linearise(self._coordinates, rows)
         self._normal = compute_normal_matrices(self._system)
@@ -296,7 +296,9 @@ class _Searches:
 
     def propose_steps(self, active: Indices) -> _TrialSteps:
         """Compute the damped steps of active searches, shortened to the longest allowed step."""
-        steps = compute_damped_steps(self._normal[active], self._damping[active, None])
+        steps = compute_damped_steps(
+            self._normal[active], self._compute_damping_matrices[active, None]
+        )
         length = np.abs(steps.step / self._longest_steps).max(axis=1)
         unbounded = self._coordinates[active] + steps.step / np.maximum(length, 1.0)[:, None]
         return _TrialSteps(
@@ -353,11 +355,11 @@ class _Searches:
         system = self._problem.linearise(trial.coordinates, rows)
         normal = compute_normal_matrices(system)
         gain = trial.chi_square - normal[:, 0, 0]
-        damping = self._damping[searches]
+        damping = self._compute_damping_matrices[searches]
         lowered = np.maximum(options.damping_factor * damping, options.min_damping)
         raised = np.maximum(damping / options.damping_factor, options.first_damping)
         is_good = gain >= 0.5 * trial.predicted_decrease
-        self._damping[searches] = np.where(is_good, lowered, raised)
+        self._compute_damping_matrices[searches] = np.where(is_good, lowered, raised)
         is_better = gain >= 0.0
         moved = searches[is_better]
         self._coordinates[moved] = trial.coordinates[is_better]

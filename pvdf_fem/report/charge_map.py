@@ -205,7 +205,7 @@ class ChargeMap:
         return np.where(self.is_logarithmic, powers, values)
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
-        """Return the charges of touches and their derivatives by central differences.
+        """Evaluate the charges of touches, and their derivatives by central differences.
 
         Parameters
         ----------

@@ -133,7 +133,7 @@ def _find_crossings(a: shapely.Geometry, b: shapely.Geometry, max_gap_mm: float)
 
 
 def _choose_corners(crossings: list[Array]) -> Array | None:
-    """Choose one intersection of each pair such that the longest side of the triangle is shortest.
+    """Choose one intersection of each pair so that the triangle's longest side is minimal.
 
     Parameters
     ----------

@@ -281,7 +281,7 @@ class Kind(Section):
         return readings.select_preview_rows() if inputs.quick else readings
 
     def resolve_reading(self, inputs: Inputs) -> str:
-        """Return ``"total"`` if total charges are shown, ``"change"`` for changes by the touch.
+        """Return whether ``"total"`` charges are shown, or their ``"change"`` due to the touch.
 
         Without the key `reading` this agrees with the data. Without data it is ``"total"``.
         """

@@ -78,6 +78,7 @@ class DesignStudy:
         return cls(grid, scenes, groups, dropped)
 
     def __str__(self) -> str:
+        """Return the numbers of designs and responses, and the readout keys that are reset."""
         lines = [
             f"{len(self.scenes):>8} designs",
             f"{len(self.groups):>8} responses, one for all films that deform in the same way",

@@ -56,6 +56,7 @@ class Domain:
         return has_forces and other.reach_mm <= self.reach_mm
 
     def __str__(self) -> str:
+        """Return the reach and the range of forces as a text."""
         low, high = self.force_N
         return f"{self.reach_mm:g} mm about the centre, {low:g} to {high:g} N"
 

@@ -126,7 +126,7 @@ def _triangulate_field(film: FilmData, film_map: FilmMap) -> tuple[Triangulation
 
 
 def _draw_filled_contours(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
-    """Draw a field by filled contours between about ten round levels.
+    """Draw a field as filled contours between about ten round levels.
 
     The levels cover the values and zero.
 

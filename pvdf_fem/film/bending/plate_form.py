@@ -90,7 +90,7 @@ class BendingForm:
         return (self.strains.T @ (self.stiffness @ self.strains)).tocsr()
 
     def forces(self, w: Array) -> Array:
-        """Compute the bending forces in N that belong to given deflections.
+        """Compute the nodal bending forces in N of the deflections `w`.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ def make_bending_form(
     D = compute_plate_stiffness(film)
     bending = np.setdiff1d(np.arange(mesh.nelements), rigid_elements)
     curvature = _ShapeValues.at_points(space, space.basis.quadrature[0]).curvature
-    rows = _make_operator(space.nodes[bending], curvature[bending].swapaxes(2, 3), dof_count)
+    rows = _assemble_rows(space.nodes[bending], curvature[bending].swapaxes(2, 3), dof_count)
     strains = [rows]
     stiffness = [sp.kron(sp.diags(space.weights[bending].ravel()), D)]
     elements = [np.repeat(bending, rows.shape[0] // len(bending))]
@@ -154,8 +154,8 @@ def make_bending_form(
         joined = edges.join(sides, tension)
         functions = joined.slope_jump.shape[-1]
         nodes = space.nodes[sides % mesh.nelements].reshape(len(sides), functions)
-        strains.append(_make_operator(nodes, joined.slope_jump, dof_count))
-        strains.append(_make_operator(nodes, joined.mean_moment, dof_count))
+        strains.append(_assemble_rows(nodes, joined.slope_jump, dof_count))
+        strains.append(_assemble_rows(nodes, joined.mean_moment, dof_count))
         first_element = np.repeat(sides[:, 0] % mesh.nelements, joined.weights.shape[1])
         elements += [first_element, first_element]
         jump_stiffness = sp.diags((joined.penalty * joined.weights).ravel())
@@ -294,7 +294,7 @@ class _EdgeValues:
         )
 
     def join(self, sides: Indices, tension: float) -> _JoinedEdges:
-        """Combine the values from the sides of edges to slope jumps, mean moments and penalties.
+        """Combine the values on the sides of edges into slope jumps, mean moments and penalties.
 
         D_nn and the quadrature weights of an edge are those of its first side.
 
@@ -322,7 +322,7 @@ class _EdgeValues:
 
 
 def _find_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:
-    """Find the sides of the edges of some elements, and separate single sides from pairs.
+    """Find the sides of the edges of some elements, separated into single sides and pairs.
 
     In a mesh of n elements, side i n + e is edge i as seen from element e.
 
@@ -350,8 +350,8 @@ def _find_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:
     return by_count
 
 
-def _make_operator(dofs: Indices, values: Array, count: int) -> sp.csr_matrix:
-    """Make a sparse matrix whose nonzero entries are given by element or by edge.
+def _assemble_rows(dofs: Indices, values: Array, count: int) -> sp.csr_matrix:
+    """Assemble a sparse matrix from the entries of every element or edge, row by row.
 
     Parameters
     ----------

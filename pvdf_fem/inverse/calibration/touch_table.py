@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.files import read_csv_rows, read_text
+from pvdf_fem.files import read_bytes
+from pvdf_fem.inverse.clipping import CLIPPED_ADVICE, ReadingLimits
+from pvdf_fem.readings.formats import parse_csv
+from pvdf_fem.readings.selection import (
+    ChosenColumn,
+    NumberColumns,
+    choose_quantity,
+    choose_readings,
+)
+from pvdf_fem.readings.table import Table, make_table
+from pvdf_fem.readings.text.header import make_name_test
+from pvdf_fem.readings.text.numbers import CellError
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import format_error, suggest
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TOUCH_SCENE_KEYS, TouchColumn
@@ -33,6 +42,15 @@ class TouchesError(ValueError):
         return "\n".join(self.args)
 
 
+class ClippedReading(NamedTuple):
+    """A reading at the end of the range of its channel, which is a limit of the true reading."""
+
+    row: int  #: Row number in the file below its heading, starting at 1.
+    electrode: str
+    limit: float  #: End of the range, in the unit of the readings.
+    side: int  #: 1 if the true reading is above the limit, -1 if it is below.
+
+
 @dataclass(frozen=True, eq=False)
 class TouchTable:
     """Touches at known positions, rotations and forces, with the readings of the channels."""
@@ -41,9 +59,14 @@ class TouchTable:
     rows: Indices
     #: Probe loads on the stage: x and y in mm, rotation in degrees, force in N; shape (touches, 4).
     probe_loads: Array
-    #: Readings in V or nominal pC, NaN where missing, shape (touches, electrodes).
+    #: Readings in their unit, NaN where missing, shape (touches, electrodes).
     readings: Array
-    notes: tuple[str, ...] = ()  #: Sentences about rows and readings that are left out.
+    #: Sentences about rows, readings and columns that are left out.
+    notes: tuple[str, ...] = ()
+    #: Unit of the readings, ``pC`` or ``V``, if the file or the user says it.
+    unit: str | None = None
+    #: Readings that are missing in `readings`, since they are clipped.
+    clipped: tuple[ClippedReading, ...] = ()
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -70,154 +93,270 @@ class TouchTable:
 
     def select(self, indices: Sequence[int]) -> TouchTable:
         """Return a table of the touches with the given indices (not rows), without notes."""
-        return TouchTable(self.rows[indices], self.probe_loads[indices], self.readings[indices])
+        return replace(
+            self,
+            rows=self.rows[indices],
+            probe_loads=self.probe_loads[indices],
+            readings=self.readings[indices],
+            notes=(),
+        )
+
+    def leave_out_clipped(
+        self, limits: ReadingLimits, electrodes: Sequence[str], unit: str
+    ) -> TouchTable:
+        """Return a table without clipped readings, and without touches that have no others.
+
+        Parameters
+        ----------
+        limits : ReadingLimits
+            Readings in `unit` at which the channels clip.
+        electrodes : sequence of str
+            Names of the electrodes in the order of the readings.
+        unit : str
+            Unit of the readings, for the notes.
+
+        Raises
+        ------
+        TouchesError
+            If all readings of an electrode are clipped, or less than two touches remain.
+        """
+        sides = limits.find_sides(self.readings)
+        if not sides.any():
+            return self
+        is_measured = np.isfinite(self.readings) & (sides == 0)
+        errors = []
+        for name, column in zip(electrodes, is_measured.T, strict=True):
+            if not column.any():
+                errors.append(f"column {name}: is clipped in every row; {CLIPPED_ADVICE}")
+        is_used = is_measured.any(axis=1)
+        if is_used.sum() < 2:
+            errors.append(f"touches: almost all readings are clipped; {CLIPPED_ADVICE}")
+        if errors:
+            raise TouchesError(*errors)
+        clipped = []
+        limited = limits.replace_clipped(self.readings, sides)
+        for index, column in np.argwhere(sides).tolist():
+            reading = ClippedReading(
+                row=int(self.rows[index]),
+                electrode=electrodes[column],
+                limit=float(limited[index, column]),
+                side=int(sides[index, column]),
+            )
+            clipped.append(reading)
+        readings = np.where(is_measured, self.readings, np.nan)
+        return replace(
+            self,
+            rows=self.rows[is_used],
+            probe_loads=self.probe_loads[is_used],
+            readings=readings[is_used],
+            notes=(*self.notes, *_describe_clipped(clipped, unit)),
+            clipped=tuple(clipped),
+        )
 
 
-def read_touches(source: Any, scene: Scene) -> TouchTable:
-    """Read and validate touches from a CSV file, a mapping of columns or a dataframe.
+def _describe_clipped(clipped: Sequence[ClippedReading], unit: str) -> Iterator[str]:
+    """Yield a note for each electrode with clipped readings, with their rows and limits."""
+    rows: dict[tuple[str, float], list[str]] = {}
+    for reading in clipped:
+        rows.setdefault((reading.electrode, reading.limit), []).append(str(reading.row))
+    for (electrode, limit), numbers in sorted(rows.items()):
+        place = f"row{'' if len(numbers) == 1 else 's'} {', '.join(numbers)}"
+        reason = f"{electrode} is clipped at {limit:.6g} {unit}"
+        yield f"{place}: {reason}; the reading is left out; {CLIPPED_ADVICE}"
+
+
+def read_touches(source: Any, scene: Scene, unit: str | None = None) -> TouchTable:
+    """Read and validate touches from a file, a mapping of columns or a dataframe.
 
     Parameters
     ----------
     source : path, mapping of str to sequence, or table with `columns`
         Columns ``x_mm``, ``y_mm``, ``rotation_deg`` (optional for a round probe), ``force_N``, and
-        the readings of each electrode under its name.
+        the readings of each electrode under its name. Headings may have other units, such as
+        ``x (m)`` or ``A (mV)``. Other columns are not used.
     scene : Scene
         Scene with the electrodes and a single probe.
+    unit : str, optional
+        Unit of the readings, which those in the headings must not contradict.
 
     Returns
     -------
     TouchTable
-        Touches that have a position, a force and at least one reading; `notes` names the rows and
-        readings that are left out.
+        Touches that have a position, a force and at least one reading; `notes` names the rows,
+        readings and columns that are left out.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, columns occur twice, or units do not fit.
+    TouchesError
+        If columns are missing or differ in length, cells are not numbers or ambiguous, fewer than
+        two touches are complete, readings of an electrode are constant or missing in all touches,
+        forces are not positive, or positions are all equal or not on the film; with a line for each
+        error.
+    """
+    electrodes = [electrode.name for electrode in scene.electrode_list]
+    assert scene.single_probe is not None
+    needs_rotation = bool(scene.single_probe.period_deg)  # A disc has no rotation.
+    needed = [name for name in TOUCH_QUANTITIES if needs_rotation or name != "rotation_deg"]
+    table = _open_table(source, [*TOUCH_QUANTITIES, *electrodes])
+    columns: dict[str, ChosenColumn] = {}
+    for name in TOUCH_QUANTITIES:
+        column = choose_quantity(table, name)
+        if column is not None:
+            columns[name] = column
+    reading_columns, unit = choose_readings(table, electrodes, unit)
+    columns |= reading_columns
+    unused = _list_unused_headings(table, columns)
+    errors = list(_find_missing_column_errors(columns, [*needed, *electrodes], unused))
+    if errors:
+        raise TouchesError(*errors)
+    notes = [f"column {heading}: is not used" for heading in unused]
+    values, errors = _read_rows(table, columns, [*TOUCH_QUANTITIES, *electrodes], notes)
+    if errors:
+        raise TouchesError(*errors)
+    if "rotation_deg" not in columns:
+        values[:, TouchColumn.ROTATION] = 0.0
+    touches = _select_complete_touches(values, electrodes, notes, unit)
+    errors = [*_find_value_errors(touches, electrodes), *_find_load_errors(touches, scene)]
+    if errors:
+        raise TouchesError(*errors)
+    return touches
+
+
+def _open_table(source: Any, names: Sequence[str]) -> Table:
+    """Return the table of a file, a mapping or a dataframe.
+
+    Parameters
+    ----------
+    source : path, mapping of str to sequence, or table with `columns`
+        The touches.
+    names : sequence of str
+        Names by which the header of a file is found.
 
     Raises
     ------
     TouchesError
-        If columns are missing, unknown or differ in length, cells are not numbers, fewer than two
-        touches are complete, readings of an electrode are constant or missing in all touches,
-        forces are not positive, or positions are all equal or not on the film; with a line for each
-        error.
+        If columns of a mapping differ in length, or the source has another type.
     """
-    columns = _read_columns(source)
-    electrodes = [electrode.name for electrode in scene.electrode_list]
-    assert scene.single_probe is not None
-    if not scene.single_probe.period_deg and columns:  # A disc has no rotation.
-        first = next(iter(columns.values()))
-        columns.setdefault("rotation_deg", ["0"] * len(first))
-    names = [*TOUCH_QUANTITIES, *electrodes]
-    errors = list(_find_heading_errors(list(columns), names))
-    if errors:
-        raise TouchesError(*errors)
+    if isinstance(source, str | Path):
+        content = read_bytes(Path(source), MAX_FILE_SIZE, "a table of touches")
+        return parse_csv(content, str(source), make_name_test(names))
+    headings = source if isinstance(source, Mapping) else getattr(source, "columns", None)
+    if headings is None:
+        reason = "is not a table; give the path of a CSV file, or a dict of columns"
+        raise TouchesError(format_error("touches", source, reason))
+    columns = {str(heading): list(source[heading]) for heading in headings}
     if len({len(column) for column in columns.values()}) > 1:
         raise TouchesError("touches: columns differ in length; give a value for every touch")
-    values = np.empty((len(columns["x_mm"]), len(names)))
-    for index, name in enumerate(names):
-        values[:, index], column_errors = _parse_column(name, columns[name])
-        errors += column_errors
-    if errors:
-        raise TouchesError(*errors)
+    return make_table("touches", columns)
 
+
+def _list_unused_headings(table: Table, columns: Mapping[str, ChosenColumn]) -> list[str]:
+    """Return the headings of a table that are not empty, and not those of chosen columns."""
+    used = {column.index for column in columns.values()}
+    unused = []
+    for index, column in enumerate(table.columns):
+        if index not in used and column.heading:
+            unused.append(column.heading)
+    return unused
+
+
+def _find_missing_column_errors(
+    columns: Collection[str], needed: Sequence[str], unused: Sequence[str]
+) -> Iterator[str]:
+    """Yield a message for each column that is missing, and for each that may have its place.
+
+    Parameters
+    ----------
+    columns : collection of str
+        Names of the columns that were found.
+    needed : sequence of str
+        Names of the columns that are needed.
+    unused : sequence of str
+        Headings of other columns.
+    """
+    missing = [name for name in needed if name not in columns]
+    for name in missing:
+        yield f"column {name}: missing; give {', '.join(needed)}"
+    if missing:
+        for heading in unused:
+            advice = f"remove or rename it: {suggest(heading, missing)}"
+            yield f"column {heading[:40]}: is not expected; {advice}"
+
+
+def _read_rows(
+    table: Table, columns: Mapping[str, ChosenColumn], names: Sequence[str], notes: list[str]
+) -> tuple[Array, list[str]]:
+    """Read the numbers in the rows of a table.
+
+    Parameters
+    ----------
+    table : Table
+        The table.
+    columns : mapping of str to ChosenColumn
+        Columns by name.
+    names : sequence of str
+        Names of the columns of the result.
+    notes : list of str
+        Sentences, to which one is appended about the words in place of numbers.
+
+    Returns
+    -------
+    values : ndarray, shape (rows, names)
+        Numbers; NaN for missing columns, and for cells that are empty or have a word such as OVER.
+    errors : list of str
+        A message for each row that cannot be read.
+    """
+    numbers = NumberColumns(table, list(columns.values()))
+    positions = [names.index(name) for name in columns]
+    values = []
+    errors = []
+    for batch in table.batches:
+        for row in batch:
+            value = np.full(len(names), np.nan)
+            try:
+                value[positions] = numbers.read(row)
+            except CellError as error:
+                errors.append(str(error))
+            values.append(value)
+    for (heading, word), count in numbers.words.items():
+        if word.lower() != "nan":
+            notes.append(f"column {heading}: {count} cells have {word}, no number")
+    array = np.array(values).reshape(len(values), len(names))
+    array[np.isinf(array)] = np.nan
+    return array, errors
+
+
+def _select_complete_touches(
+    values: Array, electrodes: Sequence[str], notes: Sequence[str], unit: str | None
+) -> TouchTable:
+    """Return the touches that have a position, a force and at least one reading.
+
+    Parameters
+    ----------
+    values : ndarray, shape (rows, 4 + electrodes)
+        Probe loads and readings; NaN where missing.
+    electrodes : sequence of str
+        Names of the electrodes.
+    notes : sequence of str
+        Notes of the table; those about rows and readings that are left out are added.
+    unit : str or None
+        Unit of the readings, if it is known.
+    """
     probe_loads = values[:, : len(TOUCH_QUANTITIES)]
     readings = values[:, len(TOUCH_QUANTITIES) :]
     has_load = np.isfinite(probe_loads).all(axis=1)
     has_reading = np.isfinite(readings).any(axis=1)
     is_used = has_load & has_reading
     rows = np.arange(1, len(values) + 1)
-    notes = [f"row {row}: has no position, force or reading; left out" for row in rows[~is_used]]
+    left_out = [f"row {row}: has no position, force or reading; left out" for row in rows[~is_used]]
     is_missing = np.isnan(readings)
     is_missing[~is_used] = False
     for row, column in np.argwhere(is_missing):
-        notes.append(f"row {rows[row]}: has no reading of {electrodes[column]}; left out")
-    table = TouchTable(rows[is_used], probe_loads[is_used], readings[is_used], tuple(notes))
-    errors = [*_find_value_errors(table, electrodes), *_find_load_errors(table, scene)]
-    if errors:
-        raise TouchesError(*errors)
-    return table
-
-
-def _read_columns(source: Any) -> dict[str, Sequence[Any]]:
-    """Return the columns of a CSV file, a mapping or a dataframe by their names.
-
-    A source of another type raises TouchesError.
-    """
-    if isinstance(source, str | Path):
-        return _read_csv_columns(Path(source))
-    names = source if isinstance(source, Mapping) else getattr(source, "columns", None)
-    if names is None:
-        reason = "is not a table; give the path of a CSV file, or a dict of columns"
-        raise TouchesError(format_error("touches", source, reason))
-    return {str(name): list(source[name]) for name in names}
-
-
-def _read_csv_columns(path: Path) -> dict[str, Sequence[Any]]:
-    """Read the columns of a CSV file by their names, as text without surrounding spaces.
-
-    Empty rows are skipped. TouchesError is raised if the file is not a CSV file, two columns have
-    the same name, or a row has another number of cells than the heading.
-    """
-    text = read_text(path, MAX_FILE_SIZE, "a CSV file of touches")
-    lines = []
-    try:
-        for cells in read_csv_rows(io.StringIO(text), text.partition("\n")[0]):
-            stripped = [cell.strip() for cell in cells]
-            if any(stripped):
-                lines.append(stripped)
-    except csv.Error as error:
-        raise TouchesError(f"{path}: is not a CSV file ({error}); save it as CSV") from None
-    heading = lines[0] if lines else []
-    rows = lines[1:]
-    if len(set(heading)) < len(heading):
-        raise TouchesError(f"{path}: two columns have the same name; rename or remove one")
-    for number, row in enumerate(rows, 1):
-        if len(row) != len(heading):
-            reason = f"{len(row)} cells, but the heading has {len(heading)}; correct the row"
-            raise TouchesError(f"{path}: row {number} has {reason}")
-    columns: dict[str, Sequence[Any]] = {}
-    for index, name in enumerate(heading):
-        columns[name] = [row[index] for row in rows]
-    return columns
-
-
-def _find_heading_errors(columns: Sequence[str], needed: Sequence[str]) -> Iterator[str]:
-    """Yield a message for each column that is missing or not expected."""
-    missing = [name for name in needed if name not in columns]
-    candidates = missing if missing else needed
-    for name in missing:
-        yield f"column {name}: missing; give {', '.join(needed)}"
-    for name in columns:
-        if name not in needed:
-            advice = f"remove or rename it: {suggest(name, candidates)}"
-            yield f"column {name[:40]}: is not expected; {advice}"
-
-
-def _parse_column(name: str, cells: Sequence[Any]) -> tuple[list[float], list[str]]:
-    """Convert the cells of a column to numbers.
-
-    Parameters
-    ----------
-    name : str
-        Name of the column, for the messages.
-    cells : sequence
-        Texts or numbers.
-
-    Returns
-    -------
-    values : list of float
-        Numbers; NaN for cells that are empty, infinite or not numbers.
-    errors : list of str
-        Line for each cell that is neither empty nor a number.
-    """
-    values = []
-    errors = []
-    for row, cell in enumerate(cells, 1):
-        value = np.nan
-        try:
-            if str(cell).strip():
-                value = float(cell)
-        except (TypeError, ValueError):
-            errors.append(f"row {row}: {name} = {str(cell)[:40]!r} is not a number; correct it")
-        values.append(value if np.isfinite(value) else np.nan)
-    return values, errors
+        left_out.append(f"row {rows[row]}: has no reading of {electrodes[column]}; left out")
+    all_notes = (*left_out, *notes)
+    return TouchTable(rows[is_used], probe_loads[is_used], readings[is_used], all_notes, unit)
 
 
 def _find_value_errors(table: TouchTable, electrodes: Sequence[str]) -> Iterator[str]:
@@ -234,7 +373,13 @@ def _find_value_errors(table: TouchTable, electrodes: Sequence[str]) -> Iterator
             yield f"column {name}: is empty; the channel is dead or not connected"
         elif np.ptp(measured) <= CONSTANT_RANGE * np.abs(measured).max():
             value = f"is {measured[0]:g} in every row"
-            yield f"column {name}: {value}; the channel is dead or not connected"
+            others = np.nan_to_num(table.readings[:, [other != name for other in electrodes]])
+            extremes = [*others.max(axis=0, initial=0.0), *others.min(axis=0, initial=0.0)]
+            if measured[0] and measured[0] in extremes:
+                reason = "which is also the extreme of another channel, and clipped there"
+                yield f"column {name}: {value}, {reason}; {CLIPPED_ADVICE}"
+            else:
+                yield f"column {name}: {value}; the channel is dead or not connected"
 
 
 def _find_load_errors(table: TouchTable, scene: Scene) -> Iterator[str]:

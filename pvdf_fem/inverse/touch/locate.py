@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.electrodes.channel import get_reading_unit
 from pvdf_fem.inverse.touch.locate_many import find_explanations
 from pvdf_fem.inverse.touch.location import Explanation, Location
 from pvdf_fem.inverse.touch.measurement import (
@@ -51,7 +52,7 @@ def locate(
     known: Mapping[str, float] | None = None,
     noise_pC: Deviations | None = None,
     reading: str | None = None,
-    unit: str = "pC",
+    unit: str | None = None,
     touches: int = 1,
     options: LocateOptions = DEFAULT_OPTIONS,
     progress: Progress | bool | None = None,
@@ -66,8 +67,8 @@ def locate(
         two probes or by one probe at two positions, and the unknowns ``"tangential_N"`` and
         ``"temperature_K"``.
     readings : mapping
-        Readings of some or all electrodes by name, in nominal pC or in V. Readings in nominal pC
-        equal the charges if the channels of the scene's readout have no gain error and no offset.
+        Readings of some or all electrodes by name, in `unit`. Readings in nominal pC equal the
+        charges if the channels of the scene's readout have no gain error and no offset.
     sigma, noise_pC : float or mapping
         Standard deviations of the readings, for all electrodes or by electrode: `sigma` as a
         fraction of the charge or change that is read, and `noise_pC` in nominal pC. By default
@@ -78,12 +79,13 @@ def locate(
         Values of the other quantities in the frame of the scene's stage. By default those of the
         scene. Not allowed if `response` is a scene.
     reading : {"total", "change"}, optional
-        Meaning of the readings: total charges, or changes of the charge by the touch, as read by an
-        amplifier that was zeroed before the touch. By default that of the scene's readout, or total
-        charges without a readout.
-    unit : {"pC", "V"}
-        Unit of the readings; a reading in nominal pC is that in V times the channel's capacitance
-        in pF.
+        Meaning of the readings: total charges, or changes of the charge due to the touch, as read
+        by an amplifier that was zeroed before the touch. By default that of the scene's readout, or
+        total charges without a readout.
+    unit : str, optional
+        Unit of the readings, of `READING_UNITS`. Default: ``readout.unit``, which is V unless the
+        scene says otherwise, or pC without a readout. A reading in nominal pC is that in V times
+        the channel's capacitance in pF.
     touches : int
         Number of probes that touch at once, 1 or 2; 2 requires a scene.
     options : LocateOptions
@@ -95,7 +97,7 @@ def locate(
     Returns
     -------
     Location
-        The touches, the most likely one first, with uncertainties, a status and remarks.
+        The touches, the most likely one first, with uncertainties, a status and notes.
 
     Raises
     ------
@@ -118,6 +120,8 @@ def locate(
     known = coerce("known", known, dict[str, Any] | None)
     charge_function = response if isinstance(response, ChargeFunction) else None
     scene = as_scene(response) if charge_function is None else charge_function.scene
+    if unit is None:
+        unit = get_reading_unit(scene)
     request = _Request(
         readings_pC=_convert_readings_to_pC(scene, readings, unit),
         sigma=sigma,
@@ -352,7 +356,7 @@ class ProbeMatch:
     name: str  #: Name of the probe's response.
     #: Posterior probability that this probe touched, if all are equally likely a priori.
     weight: float
-    location: Location  #: The likely touches by this probe.
+    location: Location  #: The likely touches of this probe.
 
 
 def rank_probes(locations: Mapping[str, Location]) -> tuple[ProbeMatch, ...]:

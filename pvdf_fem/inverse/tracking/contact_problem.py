@@ -21,7 +21,6 @@ from pvdf_fem.surrogate.charge_function import ChargeFunction
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
 
-
 @dataclass(frozen=True, eq=False)
 class CandidateTouches:
     """Touches that may explain the charges of a sample, the likeliest first."""

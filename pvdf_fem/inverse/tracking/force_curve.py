@@ -134,8 +134,6 @@ class ForceCurve:
             strict=True,
         ):
             rise = end - start
-            changes.append(
-                start + end_value * rise + start_slope * slope + end_slope * next_slope
-            )
+            changes.append(start + end_value * rise + start_slope * slope + end_slope * next_slope)
             slopes.append(value_rate * rise + start_rate * slope + end_rate * next_slope)
         return changes, slopes

@@ -73,7 +73,7 @@ class IsochargeData:
     points : DataFrame
         Readings with the columns `POINT_COLUMNS`.
     reading : {"total", "change"}
-        Whether total charges or their changes by the touch are shown.
+        Whether total charges or their changes due to the touch are shown.
     caption : str
         Text below the figure.
     """
@@ -285,7 +285,9 @@ def _find_charge_limits(charges: dict[str, Array]) -> tuple[float, float]:
 
 def _make_panels(count: int) -> list[Axes]:
     """Return empty panels of a new figure, up to three in a row."""
-    columns = 1 if count == 1 else 2 if count <= 4 else 3
+    columns = 3
+    if count <= 4:
+        columns = min(count, 2)
     rows = math.ceil(count / columns)
     width = WIDTH_MM if columns < 3 else 1.25 * WIDTH_MM
     figure = make_figure(width, 12.0 + rows * (width - 26.0) / columns)

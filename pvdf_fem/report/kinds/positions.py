@@ -253,7 +253,9 @@ def _locate_by_least_squares(
     ndarray, shape (2,)
         Position in mm; NaN if no position within the radius of the map explains the charges.
     """
-    location = locate(charge_map, charges_pC, sigma, unknown=("x_mm", "y_mm"), reading="total")
+    location = locate(
+        charge_map, charges_pC, sigma, unknown=("x_mm", "y_mm"), reading="total", unit="pC"
+    )
     if not location.touches:
         return np.full(2, np.nan)
     best = location.touches[0]

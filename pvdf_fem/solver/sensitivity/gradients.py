@@ -140,7 +140,10 @@ def gradients(
 
 
 def _validate_requested_keys(problem: Problem, parameters: Sequence[str] | None) -> Sequence[str]:
-    """Return the requested keys, by default all; ValueError for a key without derivatives."""
+    """Return the requested keys, by default all keys with derivatives.
+
+    A ValueError is raised for a requested key without a derivative.
+    """
     differentiable = list_parameters(problem)
     if parameters is None:
         return differentiable
@@ -205,7 +208,7 @@ def _solve_with_smaller_tolerance(
             return finer
         reason = f"with charges to {charge_tolerance:.1e}: {finer.reason}"
     raise NotConvergedError(
-        f"{Status.TOLERANCE}: derivatives by {key} have errors of {worst:.1e}; raise"
+        f"{Status.TOLERANCE}: derivatives with respect to {key} have errors of {worst:.1e}; raise"
         f" tolerance = {tolerance:g} ({reason})"
     )
 

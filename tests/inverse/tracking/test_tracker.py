@@ -228,8 +228,8 @@ def test_a_clock_that_goes_back_and_a_pause_end_the_touch():
 
 
 def test_wrong_options_and_readings_are_rejected():
-    with pytest.raises(ValueError, match=r"^unit = mV"):
-        Tracker(SENSOR, unit="mV")
+    with pytest.raises(ValueError, match=r"^unit = kV"):
+        Tracker(SENSOR, unit="kV")
     with pytest.raises(ValueError, match=r"^unknown"):
         Tracker(SENSOR, unknown=("x_mm",))
     with pytest.raises(ValueError, match=r"^readings"):

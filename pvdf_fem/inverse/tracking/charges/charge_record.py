@@ -14,8 +14,8 @@ from pvdf_fem.inverse.tracking.charges.charge_integrator import ChargeIntegrator
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.charges.drift_bridge import Bridge
 from pvdf_fem.inverse.tracking.charges.peak import compute_parabola_weights, smooth_charges
-from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.inverse.tracking.charges.sample_buffer import BufferedSamples, SampleBuffer
+from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 
 #: The end of a contact is looked for each time the number of rows has grown by this fraction.
@@ -29,7 +29,7 @@ HIDDEN_PEAK_FACTOR = 1.02
 class ChargeChange(NamedTuple):
     """Change of the mean charges between two equally long series of rows."""
 
-    count: int  #: Number of rows in each series.
+    row_count: int  #: Number of rows in each series.
     difference: Array  #: Charges of the later less those of the earlier rows in pC.
     variance: Array  #: Variance of the difference in pC² by noise and drift.
 
@@ -267,7 +267,7 @@ class ChargeRecord:
         if change is None or last.is_clipped.any():
             return False
         largest = self._require(self.largest)
-        residual, noise_variance = self._average_charges(-change.count, change.count)
+        residual, noise_variance = self._average_charges(-change.row_count, change.row_count)
         size_square = float(np.square(largest.charges_pC).sum())
         fraction = float(residual @ largest.charges_pC) / size_square if size_square else 0.0
         is_negligible = fraction < options.negligible_residual_fraction
@@ -277,7 +277,7 @@ class ChargeRecord:
             is_still = is_negligible and float(np.square(change.difference).sum()) < limit
         if not is_still:
             return False
-        self.still_count = change.count
+        self.still_count = change.row_count
         variance = self.accumulated_variance + noise_variance
         if _is_within_noise(residual, variance):
             # Charges that have not exceeded their noise so far may still grow.

@@ -58,7 +58,7 @@ def smooth_charges(window: BufferedSamples, weights: Array) -> ChargeSample:
     total = weights_by_channel.sum(axis=0)
     noise = (np.square(weights_by_channel) * window.noise_variance).sum(axis=0)
     # A channel counts as measured if its readings carry most of the weight of the window.
-    is_clipped = window.is_clipped.any(axis=0)
+    is_clipped = np.asarray(window.is_clipped.any(axis=0))
     has_peak = (total > MAX_MISSING_WEIGHT) & ~is_clipped
     divisor = np.where(has_peak, total, 1.0)
     centre = window.get_sample(len(weights) // 2)

@@ -27,7 +27,16 @@ class BufferedSamples(NamedTuple):
 
     def select(self, index: slice) -> BufferedSamples:
         """Return some of the samples, without copying them."""
-        return BufferedSamples(*(values[index] for values in self))
+        return BufferedSamples(
+            self.time_s[index],
+            self.charges_pC[index],
+            noise_variance=self.noise_variance[index],
+            walk_variance=self.walk_variance[index],
+            drift_pC=self.drift_pC[index],
+            sampling_variance=self.sampling_variance[index],
+            is_clipped=self.is_clipped[index],
+            voltages=self.voltages[index],
+        )
 
     def get_sample(self, index: int) -> ChargeSample:
         """Return one of the samples."""
@@ -109,20 +118,9 @@ class SampleBuffer:
         bool
             Whether a row is complete with this sample.
         """
-        row = (
-            sample.time_s,
-            sample.charges_pC,
-            sample.noise_variance,
-            sample.walk_variance,
-            sample.drift_pC,
-            sample.sampling_variance,
-            sample.is_clipped,
-            voltages,
-        )
         index = self.row_count
         if self._partial_count == 0:
-            for values, value in zip(self._rows, row, strict=True):
-                values[index] = value
+            self._set_row(index, sample, voltages)
         else:
             self._merge_into_row(index, sample, voltages)
         self._partial_count += 1
@@ -133,6 +131,18 @@ class SampleBuffer:
         if self.row_count == CAPACITY:
             self._halve()
         return True
+
+    def _set_row(self, index: int, sample: ChargeSample, voltages: Array) -> None:
+        """Set a row to a sample and its voltages."""
+        rows = self._rows
+        rows.time_s[index] = sample.time_s
+        rows.charges_pC[index] = sample.charges_pC
+        rows.noise_variance[index] = sample.noise_variance
+        rows.walk_variance[index] = sample.walk_variance
+        rows.drift_pC[index] = sample.drift_pC
+        rows.sampling_variance[index] = sample.sampling_variance
+        rows.is_clipped[index] = sample.is_clipped
+        rows.voltages[index] = voltages
 
     def _merge_into_row(self, index: int, sample: ChargeSample, voltages: Array) -> None:
         """Merge a sample into the row that is not complete, as its mean with the earlier samples.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,20 @@ MANY_SAMPLES = 64
 MAX_LEVEL_ERROR = 0.5
 #: Residual voltages are neglected after this number of time constants, exp(-40) = 4e-18.
 MAX_TIME_CONSTANTS = 40.0
+
+
+class ChannelState(NamedTuple):
+    """State of the baseline of one channel; see `BaselineSnapshot` for the quantities."""
+
+    time_s: float
+    level: float
+    slope: float
+    noise_V: float
+    line_count: float
+    residual: float
+    residual_at_s: float
+    residual_count: float
+    decay_rate: float
 
 
 class ChannelBaseline:
@@ -90,18 +105,18 @@ class ChannelBaseline:
         return self.line_count >= MIN_LINE_SAMPLES
 
     @property
-    def state(self) -> tuple[float, ...]:
-        """The values of a `BaselineSnapshot` for this channel, in its order."""
-        return (
-            self.time_s,
-            self._level,
-            self._slope,
-            self.noise_V,
-            max(min(self.line_count, 3.2 * self.memory), 1.0),
-            self._residual,
-            self._residual_at_s,
-            self._residual_count,
-            self._decay_rate,
+    def state(self) -> ChannelState:
+        """The present state, with which voltages are predicted during a contact."""
+        return ChannelState(
+            time_s=self.time_s,
+            level=self._level,
+            slope=self._slope,
+            noise_V=self.noise_V,
+            line_count=max(min(self.line_count, 3.2 * self.memory), 1.0),
+            residual=self._residual,
+            residual_at_s=self._residual_at_s,
+            residual_count=self._residual_count,
+            decay_rate=self._decay_rate,
         )
 
     def set_line(
@@ -447,7 +462,8 @@ class Baseline:
             Errors by drifts that the lines have not followed, relative to the noise.
         """
         states = np.array([channel.state for channel in self.channels])
-        return BaselineSnapshot(*states.T, drift_errors)
+        arrays = dict(zip(ChannelState._fields, states.T, strict=True))
+        return BaselineSnapshot(**arrays, drift_error=drift_errors)
 
     def set_lines(self, settled: SettledBaseline, interval_s: float) -> None:
         """Set the lines and the noise of all channels to those that were learned.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import Channel
+from pvdf_fem.electrodes.channel import CHARGE_UNITS_PC, VOLTAGE_UNITS_V, Channel
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +47,9 @@ class ReadoutCircuit:
 
         Parameters
         ----------
-        unit : {"V", "pC"}
-            Unit of the readings. Readings in nominal pC are readings in V times the capacitance.
+        unit : str
+            Unit of the readings, of `READING_UNITS`. Readings in nominal pC are readings in V times
+            the capacitance.
 
         Returns
         -------
@@ -57,7 +58,10 @@ class ReadoutCircuit:
         shift : list of float
             Voltage in V that is added to it.
         """
-        size_V = 1.0 / self.capacitance if unit == "pC" else np.ones_like(self.capacitance)
+        if unit in VOLTAGE_UNITS_V:
+            size_V = np.full_like(self.capacitance, VOLTAGE_UNITS_V[unit])
+        else:
+            size_V = CHARGE_UNITS_PC[unit] / self.capacitance
         return (size_V / self.gain).tolist(), (-self.offset / self.gain).tolist()
 
     def compute_decay(self, duration_s: float | Array) -> Array:

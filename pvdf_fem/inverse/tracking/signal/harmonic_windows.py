@@ -32,6 +32,10 @@ PERIODS_PER_WINDOW = 3.0
 MAX_RELATIVE_FREQUENCY = 0.45
 MIN_FREQUENCY_HZ = 8.0
 
+#: Smallest number of samples in a window for each coefficient of its fit. Three windows of 13 samples
+#: then fit into half a second at 80 Hz.
+SAMPLES_PER_COEFFICIENT = 1.8
+
 #: Regularisation relative to the mean square of a column. It only matters where samples share their
 #: times, so that the coefficients are not determined.
 RELATIVE_RIDGE = 1e-9
@@ -42,15 +46,17 @@ MAX_RELATIVE_DURATION = 1.5
 #: Largest fraction of missing voltages in a window that counts.
 MAX_MISSING_FRACTION = 0.25
 
-#: Ratio of the variance of a fit's residual to that of the noise at which a window counts half.
-HALF_WEIGHT_RATIO = 3.0
+#: Ratio of the variance of a fit's residual to that of the noise at which a window counts half, for
+#: many degrees of freedom, and what is added in standard deviations of this ratio for fewer.
+HALF_WEIGHT_RATIO = 2.0
+HALF_WEIGHT_DEVIATIONS = 4.0
 #: Limit of this ratio, and of the squared distance below, against overflow.
 MAX_RATIO = 1e9
 #: Squared distance from the median of the windows, relative to its expectation, at which a window
 #: counts half. Noise exceeds it with a probability of exp(-9).
 HALF_WEIGHT_DISTANCE = 9.0
-#: Spread of the phasors of a block, relative to their median, which hum itself may have: 0.02 rad,
-#: as at a frequency that is wrong by 30 mHz.
+#: Spread of the phasors of a block, relative to their median, that hum itself may have: the phase of
+#: hum whose frequency is wrong by 30 mHz changes by so many rad within a tenth of a second.
 RELATIVE_SPREAD = 0.02
 #: Scatter of the windows, relative to that expected from the noise, which chance alone explains.
 MAX_CHANCE_SCATTER = 2.0
@@ -91,8 +97,8 @@ class WindowPlan:
         Notes
         -----
         Harmonics above the limit of the sampling rate are left out. If this applies to the mains
-        frequency itself, the alias of the mains frequency is used. There are at least twice as many
-        samples in a window as coefficients.
+        frequency itself, the alias of the mains frequency is used. There are almost twice as many
+        samples in a window as coefficients, at least.
         """
         multiples = []
         slowest_Hz = math.inf
@@ -106,7 +112,9 @@ class WindowPlan:
                 slowest_Hz = min(slowest_Hz, frequency_Hz)
         coefficient_count = POLYNOMIAL_DEGREE + 1 + 2 * len(multiples)
         samples = PERIODS_PER_WINDOW * rate_Hz / slowest_Hz
-        window_samples = max(math.ceil(samples), 2 * coefficient_count)
+        window_samples = max(
+            math.ceil(samples), math.ceil(SAMPLES_PER_COEFFICIENT * coefficient_count)
+        )
         window_count = max(round(block_s * rate_Hz / window_samples), 3)
         harmonics = np.array(multiples, dtype=np.int64)
         return cls(
@@ -138,6 +146,7 @@ class WindowFits(NamedTuple):
     #: Variance of the real and the imaginary part of a phasor for a noise of 1 V², shape
     #: (harmonics,).
     unit_variance: Array
+    degrees_of_freedom: int  #: Of each residual variance.
 
 
 class CombinedPhasors(NamedTuple):
@@ -195,6 +204,7 @@ def fit_windows(times_s: Array, voltages: Array, phase_rad: Array, plan: WindowP
         phasors,
         residual_variance=residual_variance,
         unit_variance=unit_variance,
+        degrees_of_freedom=degrees_of_freedom,
     )
 
 
@@ -293,7 +303,13 @@ def discount_incomplete(
     return fits._replace(residual_variance=variance)
 
 
-def combine_windows(fits: WindowFits, expected: Phasors, noise_variance: Array) -> CombinedPhasors:
+def combine_windows(
+    fits: WindowFits,
+    expected: Phasors,
+    noise_variance: Array,
+    *,
+    relative_spread: float = RELATIVE_SPREAD,
+) -> CombinedPhasors:
     """Combine the phasors of several windows by a robust mean.
 
     Parameters
@@ -305,6 +321,8 @@ def combine_windows(fits: WindowFits, expected: Phasors, noise_variance: Array) 
         which outliers are sought.
     noise_variance : ndarray, shape (electrodes,)
         Variance of a voltage in V².
+    relative_spread : float
+        Spread of the phasors relative to their median that hum itself may have.
 
     Returns
     -------
@@ -313,36 +331,40 @@ def combine_windows(fits: WindowFits, expected: Phasors, noise_variance: Array) 
 
     Notes
     -----
-    The variance is that of the noise, or the scatter of the windows if it is larger than chance
-    explains.
+    The variance is that of the noise, which the scatter of the windows raises. The median of the
+    scatter over the electrodes shows whether the noise is stronger at this frequency than on
+    average (coloured noise). The scatter of one electrode counts if chance does not explain it.
     """
     ratio = np.minimum(fits.residual_variance / noise_variance, MAX_RATIO)
-    fit_weight = 1.0 / (1.0 + np.square(np.square(ratio / HALF_WEIGHT_RATIO)))
+    deviation = math.sqrt(2.0 / fits.degrees_of_freedom)
+    half_weight_ratio = HALF_WEIGHT_RATIO + HALF_WEIGHT_DEVIATIONS * deviation
+    fit_weight = 1.0 / (1.0 + np.square(np.square(ratio / half_weight_ratio)))
     is_fit = (fit_weight > 0.5)[:, None]
     sorted_parts = np.sort(np.where(is_fit, fits.phasors, expected).view(float), axis=0)
     middle = (len(sorted_parts) - 1) // 2
     median = 0.5 * (sorted_parts[middle] + sorted_parts[-1 - middle]).view(complex)
 
     window_variance = fits.unit_variance[:, None] * noise_variance
-    spread = window_variance + np.square(RELATIVE_SPREAD) * square_abs(median)
+    spread = window_variance + np.square(relative_spread) * square_abs(median)
     distance = square_abs(fits.phasors - median) / (2.0 * spread)
     distance = np.minimum(distance, MAX_RATIO)
     outlier_weight = 1.0 / (1.0 + np.square(distance / HALF_WEIGHT_DISTANCE))
-    weight = fit_weight[:, None] * outlier_weight
-    total = weight.sum(axis=0)
-    total = np.maximum(total, 1e-30)
-    mean = np.einsum("whe,whe->he", weight, fits.phasors) / total
+    weights = fit_weight[:, None] * outlier_weight
+    total = np.maximum(weights.sum(axis=0), 1e-30)
+    mean = np.einsum("whe,whe->he", weights, fits.phasors) / total
 
-    scatter = np.einsum("whe,whe->he", weight, square_abs(fits.phasors - mean))
-    scatter /= 2.0 * np.maximum(total - 1.0, 0.1)
-    excess = np.maximum(scatter - MAX_CHANCE_SCATTER * window_variance, 0.0)
-    weight_of_time = weight.sum(axis=(1, 2))
+    scatter = np.einsum("whe,whe->he", weights, square_abs(fits.phasors - mean))
+    scatter_ratio = scatter / (2.0 * np.maximum(total - 1.0, 0.1) * window_variance)
+    pooled_ratio = np.maximum(np.median(scatter_ratio, axis=1, keepdims=True), 1.0)
+    is_excessive = scatter_ratio > MAX_CHANCE_SCATTER * pooled_ratio
+    inflation = np.where(is_excessive, scatter_ratio, pooled_ratio)
+    weight_of_time = weights.sum(axis=(1, 2))
     time_s = float(weight_of_time @ fits.times_s / max(weight_of_time.sum(), 1e-30))
     return CombinedPhasors(
         time_s,
         mean,
-        variance=(window_variance + excess) / total,
-        weights=weight,
+        variance=inflation * window_variance / total,
+        weights=weights,
     )
 
 

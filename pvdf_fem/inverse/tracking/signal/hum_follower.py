@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
@@ -22,6 +21,7 @@ from pvdf_fem.inverse.tracking.signal.hum_search import (
     HumSearch,
     bound_variance,
     compute_significance,
+    estimate_noise_variance,
     fit_block,
     search_hum,
 )
@@ -29,7 +29,7 @@ from pvdf_fem.inverse.tracking.signal.mains_oscillator import MainsOscillator, O
 
 #: Factors by which the variance of the noise falls and grows at most from block to block.
 VARIANCE_FALL = 0.8
-VARIANCE_GROWTH = 1.3
+VARIANCE_GROWTH = 1.1
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class MainsHumOptions:
     #: from which it is subtracted; half of it is enough to go on.
     min_phasor_significance: float = 9.0
     #: Fraction of the windows of a learnt block that must agree, to subtract hum at once.
-    min_quiet_fraction: float = 0.8
+    min_quiet_fraction: float = 0.7
     #: Number of further blocks that must agree with hum before it is subtracted, otherwise.
     confirming_blocks: int = 3
     #: Number of blocks after which unconfirmed or insignificant hum is given up.
@@ -254,11 +254,11 @@ class HumFollower:
             self.state = HumState.PRESENT
 
     def _update_noise(self, fits: WindowFits) -> None:
-        """Update the variance of the noise by a low quantile over the windows, in bounded steps."""
-        quantile = np.sort(fits.residual_variance, axis=0)[(len(fits.times_s) - 1) // 3]
-        is_known = np.isfinite(quantile)
+        """Update the variance of the noise in bounded steps."""
+        estimate = estimate_noise_variance(fits)
+        is_known = np.isfinite(estimate)
         last = self._noise_variance
-        bounded = np.clip(quantile, VARIANCE_FALL * last, VARIANCE_GROWTH * last)
+        bounded = np.clip(estimate, VARIANCE_FALL * last, VARIANCE_GROWTH * last)
         self._noise_variance = bound_variance(np.where(is_known, bounded, last))
 
     def _select_phasors(self, oscillator: MainsOscillator) -> None:

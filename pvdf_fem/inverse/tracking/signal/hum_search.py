@@ -24,6 +24,10 @@ from pvdf_fem.inverse.tracking.signal.mains_oscillator import MainsOscillator, O
 MIN_VARIANCE_V2 = 1e-18
 MIN_RELATIVE_VARIANCE = 1e-2
 
+#: Relative spread of the phasors that is allowed in the successive fits of a search. At a frequency
+#: that is wrong by 0.2 Hz, the phase at both ends of half a second is wrong by 0.3 rad.
+RELATIVE_SPREADS = (0.3, 0.05, 0.02)
+
 #: Fraction of the windows that has to agree.
 MIN_AGREEING_FRACTION = 0.5
 
@@ -36,7 +40,7 @@ class HumSearch:
     #: Squared amplitude relative to its expectation from noise, see `compute_significance`.
     significance: float
     agreeing_fraction: float  #: Fraction of the windows that fit and agree.
-    noise_variance: Array  #: Median over the windows in V², shape (electrodes,).
+    noise_variance: Array  #: Variance of a voltage in V², shape (electrodes,).
 
 
 def search_hum(
@@ -83,10 +87,12 @@ def search_hum(
     noise_variance = np.full(channel_count, MIN_VARIANCE_V2)
     if len(times_s) < 3 * plan.window_samples:
         return HumSearch(oscillator, 0.0, agreeing_fraction=0.0, noise_variance=noise_variance)
-    for _ in range(3):
+    for relative_spread in RELATIVE_SPREADS:
         fits = fit_block(oscillator, times_s, voltages, plan=plan)
-        noise_variance = bound_variance(np.median(fits.residual_variance, axis=0))
-        combined = combine_windows(fits, oscillator.phasors, noise_variance)
+        noise_variance = bound_variance(estimate_noise_variance(fits))
+        combined = combine_windows(
+            fits, oscillator.phasors, noise_variance, relative_spread=relative_spread
+        )
         significance = compute_significance(combined)
         if significance < min_significance:
             break
@@ -94,7 +100,7 @@ def search_hum(
     return HumSearch(
         oscillator,
         significance,
-        agreeing_fraction=float(combined.weights.mean(axis=0).min()),
+        agreeing_fraction=float(combined.weights.mean(axis=(0, 1)).min()),
         noise_variance=noise_variance,
     )
 
@@ -142,6 +148,22 @@ def compute_significance(combined: CombinedPhasors) -> float:
     agreeing_fraction = combined.weights.mean(axis=0)
     ratio = np.where(agreeing_fraction < MIN_AGREEING_FRACTION, 0.0, ratio)
     return float(max(ratio.mean(axis=1).max(), 0.5 * ratio.max()))
+
+
+def estimate_noise_variance(fits: WindowFits) -> Array:
+    """Estimate the variance of the noise by a low quantile over the windows.
+
+    Parameters
+    ----------
+    fits : WindowFits
+        Fits of the windows of a block. Touches may disturb two thirds of them.
+
+    Returns
+    -------
+    ndarray, shape (electrodes,)
+        Variance of a voltage in V²; infinite if it is missing in most windows.
+    """
+    return np.sort(fits.residual_variance, axis=0)[(len(fits.times_s) - 1) // 3]
 
 
 def bound_variance(variance: Array) -> Array:

@@ -76,6 +76,7 @@ class MainsHum:
         self.notes: list[str] = []
         self._options = options or MainsHumOptions()
         self._names = list(names or map(str, range(1, channel_count + 1)))
+        self._noted_Hz = set[float]()
         self._candidates_Hz = list_candidates(mains_Hz)
         self._follower = HumFollower(self._candidates_Hz, channel_count, self._options)
 
@@ -93,6 +94,11 @@ class MainsHum:
         self._phase_rad = 0.0
         self._phase_time_s = 0.0
         self._angular_frequency = 0.0
+
+    @property
+    def is_learned(self) -> bool:
+        """Whether `subtract` follows the hum, or looks for one that begins."""
+        return self._block_samples > 0
 
     @property
     def is_active(self) -> bool:
@@ -276,9 +282,9 @@ class MainsHum:
             self._rotations = None
             return
         mean_rotation = oscillator.predict_mean_rotation(time_s + self._options.block_s)
-        phasors = np.where(self._follower.is_significant, oscillator.phasors, 0.0)
-        self._phasors = (mean_rotation[:, None] * phasors)[is_used]
-        self._rotations = 1j * oscillator.harmonics[is_used]
+        factors = np.where(self._follower.is_significant, mean_rotation[:, None], 0.0)
+        self._phasors = oscillator.phasors[is_used] * factors[is_used]
+        self._rotations = np.multiply(1j, oscillator.harmonics[is_used], dtype=np.complex128)
         self._phase_rad = oscillator.phase_rad
         self._phase_time_s = oscillator.time_s
         self._angular_frequency = 2.0 * math.pi * oscillator.frequency_Hz
@@ -291,9 +297,28 @@ class MainsHum:
 
     def _note_hum(self) -> None:
         """Note the hum that is subtracted, once for each nominal frequency."""
+        plan = self._follower.plan
+        if plan is None or plan.nominal_Hz in self._noted_Hz:
+            return
+        self._noted_Hz.add(plan.nominal_Hz)
+        amplitudes = np.sqrt(np.square(self.amplitudes_V).sum(axis=0))
+        loudest = int(amplitudes.argmax())
+        place = f"{1e3 * amplitudes[loudest]:.2g} mV on {self._names[loudest]}"
+        if len(self._names) > 1:
+            place += " and less on the other channels"
+        text = f"mains hum of {self.frequency_Hz:.2f} Hz, {place}: subtracted"
+        self.notes.append(text)
 
     def _note_low_rate(self, rate_Hz: float) -> None:
         """Note that hum cannot be subtracted, if the user has given its frequency."""
+        if len(self._candidates_Hz) > 1 or math.nan in self._noted_Hz:
+            return
+        self._noted_Hz.add(math.nan)
+        text = (
+            f"mains_Hz = {self._candidates_Hz[0]:g}: hum is not subtracted at a sampling rate of "
+            f"{rate_Hz:.4g} Hz, where it cannot be told from touches; sample at 200 Hz or more"
+        )
+        self.notes.append(text)
 
 
 def list_candidates(mains_Hz: float | str) -> tuple[float, ...]:

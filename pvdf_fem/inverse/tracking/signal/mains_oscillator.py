@@ -21,7 +21,8 @@ MAX_INNOVATION = 3.0
 #: by less than this fraction, are a jump, which is accepted at once.
 JUMP_INNOVATION = 4.0
 JUMP_DISAGREEMENT = 0.5
-#: Minimum number of windows that must agree in a jump.
+#: Minimum number of windows that count in an update, and that must agree in a jump.
+MIN_WINDOWS = 0.1
 MIN_JUMP_WINDOWS = 2.0
 #: Standard deviation of the phase, in rad, from which the phase counts as lost.
 LOST_PHASE_RAD = 0.5
@@ -183,8 +184,10 @@ class MainsOscillator:
         Returns
         -------
         bool
-            Whether the phasors agree with the prediction.
+            Whether the phasors agree with the prediction, as far as there are any.
         """
+        if combined.weights.sum(axis=0).max() < MIN_WINDOWS:
+            return True
         self.move_to(combined.time_s)
         if self.has_lost_phase:
             self.phasors = combined.phasors

@@ -54,6 +54,11 @@ class FilteredSample(NamedTuple):
     is_clipped: list[bool]  #: Whether the voltage is only a limit of the true one.
     follows_pause: bool = False  #: Whether readings or times were missing before this sample.
 
+    @property
+    def has_no_reading(self) -> bool:
+        """Whether all voltages are missing."""
+        return all(voltage != voltage for voltage in self.voltages)  # NaN
+
 
 class ChannelFilter:
     """Finds readings of one channel that are missing, clipped or frozen.
@@ -346,7 +351,9 @@ class ReadingFilter:
         )
         sentences = []
         for counts, text in kinds:
-            shown = [f"{count} of {name}" for name, count in zip(names, counts, strict=True) if count]
+            shown = [
+                f"{count} of {name}" for name, count in zip(names, counts, strict=True) if count
+            ]
             if shown:
                 sentences.append(f"{', '.join(shown)}: {text}")
         return sentences

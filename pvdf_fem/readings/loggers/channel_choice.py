@@ -1,0 +1,158 @@
+"""The choice of the channels of a file that have the readings of electrodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from pvdf_fem.files import FileError
+from pvdf_fem.readings.loggers.logger_reader import TIME_NAMES, LoggerChannel, LoggerReader
+
+#: Keys of a choice that name the channel of times, with the unit of the times.
+TIME_KEYS = {"t_s": "s", "t_ms": "ms", "t_us": "µs", "t_ns": "ns"}
+#: Largest number of channels that a message lists.
+MAX_LISTED = 24
+
+
+def parse_channel_choice(text: str) -> dict[str, str]:
+    """Parse the names of channels by electrodes.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``A=Group/ai0,B=Group/ai1``. The names ``t_s``, ``t_ms``, ``t_us`` and ``t_ns``
+        are those of times. A comma in an address is part of it unless a name and ``=`` follow.
+
+    Raises
+    ------
+    ValueError
+        If a part has no ``=``, or a name occurs twice.
+    """
+    choice: dict[str, str] = {}
+    name = ""
+    for part in text.split(","):
+        key, separator, address = part.partition("=")
+        if not separator and not name:
+            raise ValueError(f"{part[:40]!r} has no =; give such as A=Group/ai0,B=Group/ai1")
+        if not separator:
+            choice[name] += f",{part}"
+            continue
+        name = key.strip()
+        if name in choice:
+            raise ValueError(f"{name} occurs twice; give a channel for each electrode")
+        choice[name] = address.strip()
+    return choice
+
+
+def choose_channels(
+    reader: LoggerReader, electrodes: Sequence[str], choice: Mapping[str, str]
+) -> dict[str, LoggerChannel]:
+    """Return the channels with the readings of electrodes.
+
+    Without a choice these are the channels with the names of the electrodes. Channels without
+    names, such as those of a sound file, are taken in the order of the electrodes if there are as
+    many of them; a note of the reader says so.
+
+    Parameters
+    ----------
+    reader : LoggerReader
+        The reader of the file.
+    electrodes : sequence of str
+        Names of the sensor's electrodes.
+    choice : mapping of str to str
+        Addresses or unique names of channels by electrodes.
+
+    Returns
+    -------
+    dict of str to LoggerChannel
+        Channels by electrodes, in the order of `electrodes`.
+
+    Raises
+    ------
+    FileError
+        If no electrode has a channel, or a name is missing or that of several channels.
+    """
+    channels = reader.list_channels()
+    chosen: dict[str, LoggerChannel] = {}
+    if choice:
+        for electrode in electrodes:
+            if electrode in choice:
+                chosen[electrode] = find_channel(reader, choice[electrode])
+    else:
+        for electrode in electrodes:
+            if any(_has_name(channel, electrode) for channel in channels):
+                chosen[electrode] = find_channel(reader, electrode)
+    if not chosen:
+        chosen = _choose_by_number(reader, channels, electrodes)
+    if not chosen:
+        names = ", ".join(electrodes)
+        raise FileError(
+            f"{reader.path}: has no channels named {names}; {_list_channels(channels)}; "
+            f"give such as --channels {_suggest_choice(channels, electrodes)}"
+        )
+    missing = [electrode for electrode in electrodes if electrode not in chosen]
+    if missing:
+        reader.notes.append(f"has no channel for {', '.join(missing)}")
+    return chosen
+
+
+def find_channel(reader: LoggerReader, address: str) -> LoggerChannel:
+    """Return the channel with an address, or with a name if it is the only one.
+
+    Raises
+    ------
+    FileError
+        If there is none, or there are several.
+    """
+    channels = reader.list_channels()
+    found = [channel for channel in channels if channel.address == address]
+    found = found or [channel for channel in channels if _has_name(channel, address)]
+    if not found:
+        found = [c for c in channels if c.address.lower().endswith(f"/{address.lower()}")]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        places = ", ".join(channel.address for channel in found[:MAX_LISTED])
+        advice = f"choose one by --channels, such as {address}={found[0].address}"
+        raise FileError(f"{reader.path}: has several channels {address}: {places}; {advice}")
+    raise FileError(f"{reader.path}: has no channel {address}; {_list_channels(channels)}")
+
+
+def _has_name(channel: LoggerChannel, name: str) -> bool:
+    """Return whether a channel has a name, in upper or lower case."""
+    return name.lower() in (channel.name.lower(), channel.address.lower())
+
+
+def _choose_by_number(
+    reader: LoggerReader, channels: Sequence[LoggerChannel], electrodes: Sequence[str]
+) -> dict[str, LoggerChannel]:
+    """Return channels in the order of electrodes if they have numbers instead of names."""
+    numbered = [channel for channel in channels if channel.name.isdecimal()]
+    groups = {channel.group for channel in numbered}
+    if len(numbered) != len(electrodes) or len(groups) > 1:
+        return {}
+    chosen = dict(zip(electrodes, numbered, strict=True))
+    listed = ", ".join(f"{name}={channel.address}" for name, channel in chosen.items())
+    reader.notes.append(f"its channels have no names; they are taken in order: {listed}")
+    return chosen
+
+
+def _list_channels(channels: Sequence[LoggerChannel]) -> str:
+    """Return the words of a message about the channels that a file has."""
+    if not channels:
+        return "it has no channels with numbers"
+    listed = []
+    for channel in channels[:MAX_LISTED]:
+        unit = f" ({channel.unit})" if channel.unit else ""
+        listed.append(f"{channel.address}{unit}")
+    more = f" and {len(channels) - MAX_LISTED} more" if len(channels) > MAX_LISTED else ""
+    return f"its channels are {', '.join(listed)}{more}"
+
+
+def _suggest_choice(channels: Sequence[LoggerChannel], electrodes: Sequence[str]) -> str:
+    """Return a choice that could be typed, with channels in the order of the file."""
+    candidates = [channel for channel in channels if channel.name.lower() not in TIME_NAMES]
+    pairs = zip(electrodes, candidates, strict=False)
+    listed = ",".join(f"{name}={channel.address}" for name, channel in pairs)
+    if any(character in listed for character in " '\"#;&|<>()$*?"):
+        return f'"{listed}"'
+    return listed or f"{electrodes[0]}=GROUP/NAME"

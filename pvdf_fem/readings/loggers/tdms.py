@@ -1,0 +1,118 @@
+"""TDMS, the binary files of LabVIEW, DAQExpress, FlexLogger and VeriStand."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.files import open_regular_file
+from pvdf_fem.readings.loggers.logger_reader import (
+    BLOCK_SAMPLES,
+    LoggerChannel,
+    LoggerReader,
+    SampleClock,
+)
+
+
+class TdmsReader(LoggerReader):
+    """A reader of TDMS files by npTDMS.
+
+    The file is opened as a stream, since npTDMS takes the positions of samples from a file
+    ``.tdms_index`` beside it otherwise, even if that belongs to an older recording.
+    """
+
+    title = "TDMS"
+    extensions = (".tdms",)
+    package = "npTDMS"
+
+    def __init__(self, path: Path, stack: ExitStack) -> None:
+        super().__init__(path, stack)
+        nptdms = self.import_package("nptdms")
+        # It warns of an incomplete segment on standard error; `notes` say so in our words.
+        logging.getLogger("nptdms").setLevel(logging.ERROR)
+        stream = stack.enter_context(open_regular_file(path, "a TDMS file"))
+        try:
+            self.file = stack.enter_context(nptdms.TdmsFile.open(stream))
+        except Exception as error:  # npTDMS raises errors of struct, too
+            raise self.make_error(f"cannot be read as TDMS ({error})") from None
+        self.channels = self._list_numeric_channels()
+
+    @classmethod
+    def is_recognised(cls, head: bytes) -> bool:
+        """Return whether a file begins with the tag of a TDMS segment."""
+        return head[:4] == b"TDSm"
+
+    def list_channels(self) -> list[LoggerChannel]:
+        """Return the channels with numbers or times, with unit and clock by their properties."""
+        described = []
+        for address, channel in self.channels.items():
+            properties = channel.properties
+            unit = str(properties.get("unit_string", "")) or _find_scaled_unit(properties)
+            described.append(LoggerChannel(address, unit, _make_clock(properties)))
+        return described
+
+    def read_columns(self, addresses: Sequence[str]) -> Iterator[list[Array]]:
+        """Yield blocks of samples of several channels, see `LoggerReader.read_columns`.
+
+        In a file that was cut while it was written, the last segment has fewer samples of later
+        channels. The samples that all channels have are read, and a note says so.
+        """
+        channels = [self.channels[address] for address in addresses]
+        lengths = [len(channel) for channel in channels]
+        count = min(lengths)
+        if max(lengths) > count:
+            longest = addresses[lengths.index(max(lengths))]
+            shortest = addresses[lengths.index(count)]
+            self.notes.append(
+                f"{longest} has {max(lengths)} samples and {shortest} {count}: the first {count} "
+                "of each are read"
+            )
+        for start in range(0, count, BLOCK_SAMPLES):
+            length = min(BLOCK_SAMPLES, count - start)
+            yield [np.asarray(channel.read_data(start, length)) for channel in channels]
+
+    def _list_numeric_channels(self) -> dict[str, Any]:
+        """Return the channels of the file with numbers or times by their addresses."""
+        channels = {}
+        for group in self.file.groups():
+            for channel in group.channels():
+                if channel.dtype.kind in "iufM":
+                    channels[f"{group.name}/{channel.name}"] = channel
+        if self.file.file_status.incomplete_final_segment:
+            self.notes.append("the last segment is incomplete: the recording was cut off")
+        return channels
+
+
+def _find_scaled_unit(properties: Any) -> str:
+    """Return the unit of the last scale of a channel, such as that of NI-DAQmx, or an empty text."""
+    count = int(properties.get("NI_Number_Of_Scales", 0))
+    for name in (f"NI_Scale[{count - 1}]_Scaled_Units", "NI_UnitDescription"):
+        if properties.get(name):
+            return str(properties[name])
+    return ""
+
+
+def _make_clock(properties: Any) -> SampleClock | None:
+    """Return the clock that the properties of a waveform describe, or None."""
+    interval_s = float(properties.get("wf_increment", 0.0))
+    if not interval_s > 0.0:
+        return None
+    start = properties.get("wf_start_time")
+    return SampleClock(
+        interval_s,
+        first_s=float(properties.get("wf_start_offset", 0.0)),
+        start=None if start is None else _convert_time(start),
+    )
+
+
+def _convert_time(time: Any) -> datetime:
+    """Convert a time of npTDMS, which is in UTC, to a datetime."""
+    since_epoch_us = int(np.datetime64(time, "us").astype(np.int64))
+    return datetime.fromtimestamp(1e-6 * since_epoch_us, UTC)

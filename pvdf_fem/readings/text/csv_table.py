@@ -1,0 +1,145 @@
+"""Tables of lines with cells between separators."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import BinaryIO
+
+from pvdf_fem.files import FileError
+from pvdf_fem.readings.columns import Column
+from pvdf_fem.readings.table import Batches, OpenAgain, Row, Table
+from pvdf_fem.readings.text.header import Header, HeaderSearch, IsWanted
+from pvdf_fem.readings.text.lines import read_lines
+from pvdf_fem.readings.text.numbers import NumberReader
+from pvdf_fem.readings.text.separators import (
+    COMMENT_MARKERS,
+    SEPARATOR_NAMES,
+    drop_empty_end,
+    find_comment_text,
+    split_cells,
+)
+
+
+def open_csv_table(
+    stream: BinaryIO, name: str, is_wanted: IsWanted, open_again: OpenAgain | None = None
+) -> Table:
+    """Find the header of a table in text, and return the table.
+
+    Parameters
+    ----------
+    stream : binary file
+        A file or a live pipe, which is read up to the first row of numbers.
+    name : str
+        Its name, for messages.
+    is_wanted : callable
+        Whether a column has one of the names by which the header is found.
+    open_again : callable, optional
+        Opens the file once more, to look at rows in advance. None for a pipe.
+
+    Returns
+    -------
+    Table
+        Rows without comments and blank lines.
+
+    Raises
+    ------
+    FileError
+        If a column occurs twice.
+    """
+    lines = read_lines(stream, name)
+    header, first_lines = _find_header(lines, name, is_wanted)
+    _require_distinct_headings(header.columns, name)
+    parser = _RowParser(header)
+
+    def reopen() -> Batches:
+        assert open_again is not None
+        with open_again() as copy:
+            yield from open_csv_table(copy, name, is_wanted).batches
+
+    return Table(
+        name,
+        header.columns,
+        batches=_parse_batches(parser, first_lines, lines),
+        numbers=NumberReader("." if header.separator == "," else ""),
+        reopen=reopen if open_again else None,
+    )
+
+
+def _find_header(
+    lines: Iterator[list[str]], name: str, is_wanted: IsWanted
+) -> tuple[Header, list[str]]:
+    """Return the header of a table, and the lines of rows that were read with it."""
+    search = HeaderSearch(name, is_wanted)
+    for batch in lines:
+        for index, line in enumerate(batch):
+            header = search.add(line)
+            if header is not None:
+                return header, search.lines + batch[index + 1 :]
+    header = search.finish()
+    return header, search.lines
+
+
+def _require_distinct_headings(columns: tuple[Column, ...], name: str) -> None:
+    """Raise `FileError` if two columns have the same heading, unless it is empty."""
+    headings = [column.heading for column in columns if column.heading]
+    for heading in sorted(headings):
+        if headings.count(heading) > 1:
+            raise FileError(f"{name}: column {heading} occurs twice; rename one")
+
+
+def _parse_batches(
+    parser: _RowParser, first_lines: list[str], lines: Iterator[list[str]]
+) -> Batches:
+    """Yield the rows of lines as they arrive."""
+    if first_lines:
+        yield parser.parse(first_lines)
+    for batch in lines:
+        yield parser.parse(batch)
+
+
+class _RowParser:
+    """A parser of the lines below a header, which counts the rows."""
+
+    def __init__(self, header: Header) -> None:
+        self.separator = header.separator
+        self.count = len(header.columns)
+        self.needed = header.needed
+        self.number = 0
+
+    def parse(self, lines: list[str]) -> list[Row]:
+        """Return the rows in lines; comments are left out."""
+        rows = []
+        separator = self.separator
+        is_plain = separator != " "
+        for line in lines:
+            if line.startswith(COMMENT_MARKERS) and find_comment_text(line) is not None:
+                continue
+            self.number += 1
+            if is_plain and '"' not in line:
+                cells = line.split(separator)
+            else:
+                cells = split_cells(line, separator)
+            if len(cells) == self.count:
+                rows.append(Row(self.number, cells))
+            elif self.needed <= len(cells) < self.count:
+                rows.append(Row(self.number, cells + [""] * (self.count - len(cells))))
+            else:
+                cells = drop_empty_end(cells, self.count)
+                rows.append(Row(self.number, cells, self._describe_defect(cells)))
+        return rows
+
+    def _describe_defect(self, cells: list[str]) -> str:
+        """Return the reason why a row has too few or too many cells; an empty text if it has not.
+
+        The cells are those without empty ones at the end.
+        """
+        if len(cells) == self.count:
+            return ""
+        if not cells:
+            return "has a quote that is not closed"
+        reason = (
+            f"has {len(cells)} cells between {SEPARATOR_NAMES[self.separator]}, not {self.count}"
+        )
+        if self.separator == "," and len(cells) > self.count:
+            reason += " (numbers with decimal commas need quotes, or semicolons between them)"
+        return reason
