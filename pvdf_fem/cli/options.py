@@ -307,7 +307,7 @@ def read_scene(options: argparse.Namespace, *errors: str) -> Scene:
         raise InputError(*messages)
     if changes:
         for lost in _find_lost_keys(original, scene, changes):
-            print_errors(f"--set: drops {lost}, a key that the changed scene does not have")
+            print_errors(f"--set: removes {lost}, a key that the changed scene cannot have")
     return scene
 
 

@@ -118,14 +118,16 @@ def _estimate_covariance(solution: Solution, values: dict[str, float], noise: fl
     charges_pC = solution.charge_changes_pC if reads_changes else solution.charges_pC
     readings = np.array(list(charges_pC.values()))
     if not np.isfinite(readings).all():
-        raise ValueError("changes by the touch are not known; the warnings say why")
+        raise ValueError("changes due to the touch are not known; the warnings say why")
     noise_of_channels_pC = [
         1e12 * channel.noise * channel.capacitance / abs(channel.gain)
         for channel in make_channels(scene)
     ]
     deviations_pC = np.hypot(noise * readings, noise_of_channels_pC)
     if not deviations_pC.all():
-        raise ValueError("noise = 0: readings without noise are exact; give some noise")
+        raise ValueError(
+            "noise = 0: must be positive, since exact readings have no deviations; raise it"
+        )
     rates = gradients(solution, list(values))
     columns = [[rates[key][name] for name in charges_pC] for key in values]
     jacobian = np.array(columns).T / deviations_pC[:, None]

@@ -269,7 +269,9 @@ def _select_rows(where: str, source: DataSource, frame: pd.DataFrame) -> pd.Data
     for column, values in source.where.items():
         frame = frame[frame[column].isin(values if isinstance(values, list) else [values])]
     if frame.empty:
-        raise SceneError([f"{where}: has no row, or `where` keeps none; give others"])
+        raise SceneError(
+            [f"{where}: has no rows, or none that match `where`; add rows or change `where`"]
+        )
     return frame.dropna(axis="columns", how="all")
 
 

@@ -322,6 +322,36 @@ def test_known_quantities_are_those_of_columns_or_the_scene(run, text, options):
     assert {row["rotation_deviation_deg"] + row["force_deviation_N"] for row in rows} == {""}
 
 
+def test_a_dataset_can_be_located(folder, made_up_responses, command):
+    """Its force is known, as all columns with this name are; its positions are those to find."""
+    drawn = "--touches 20 --seed 3 --sigma 0 --noise 0"
+    assert command("dataset", "scene.toml", *drawn.split(), "--output", "drawn.csv").code == 0
+    done = command("locate", "scene.toml", "--csv", "drawn.csv", "--quick")
+    assert done.code == 0
+    rows = rows_of(done.out)
+    assert len(rows) == 20
+    for name in ("x_mm", "y_mm"):
+        expected = [float(row[f"given_{name}"]) for row in rows]
+        assert [float(row[name]) for row in rows] == pytest.approx(expected, abs=5e-3)
+    assert {"charge_pC.A", "model_error_pC.D"} < rows[0].keys()
+
+
+CELLS = ("name;A;B;C;D;rotation_deg", "a;1.041;2.041;3.041;4.041;5", "b;nan;1;1;1;0")
+
+
+def test_cells_that_cannot_be_read_are_named_in_the_remark_and_in_the_summary(run):
+    done = run("\n".join([*CELLS, "c;1;#DIV/0!;;1;0", ""]), "--quick")
+    first, second, third = rows_of(done.out)
+    assert first["remark"].startswith("row 1, column A: 1.041 could be 1.041 or 1041")
+    assert second["remark"].endswith("A is nan")
+    assert third["remark"].endswith("B is #DIV/0!")
+    assert first["status"] == "not_finite"
+    assert "readings.csv: row 1, column A: 1.041" in done.err
+    assert "B: 1 #DIV/0!" in done.err
+    settled = rows_of(run("\n".join([*CELLS, "c;0,5;1;1;1;0", ""]), "--quick").out)
+    assert "could be" not in settled[0]["remark"]
+
+
 # ----------------------------------------------------------------------------------------- clipping
 
 

@@ -76,7 +76,7 @@ def test_the_header_and_the_separator_are_found(text, rows):
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1"])
 def test_any_usual_encoding_is_read(encoding):
     read = read_table("A (µV);B (µV)\r\n0,5;1\r\n".encode(encoding))
-    assert (read.rows, read.unit) == ([[0.5e-6, 1e-6]], "V")
+    assert (read.rows, read.unit) == ([[0.5, 1.0]], "µV")
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_words_in_place_of_numbers_are_counted():
     [
         ("A (pC);B (nC)", "pC", [1.5, 2000.0]),
         ("A [V];B [mV]", "V", [1.5, 0.002]),
-        ("A / µV;B / uV", "V", [1.5e-6, 2e-6]),
+        ("A / µV;B / uV", "µV", [1.5, 2.0]),
         ("A_mV;B_V", "V", [0.0015, 2.0]),
         ("A in fC;B in C", "pC", [0.0015, 2e12]),
         ('"A, mV";"B, volts"', "V", [0.0015, 2.0]),

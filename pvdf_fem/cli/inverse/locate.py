@@ -48,7 +48,9 @@ forces, without a response, in up to a minute. The two probes are those of the
 scene, or its single probe twice.
 
 With --csv every row of a file is located. Its header has names of electrodes, and
-may have rotation_deg and force_N, which are then known. Other columns are copied.
+may have rotation_deg and force_N, which are then known. Separators, decimal commas,
+header blocks and units are recognised; a cell such as 1.041 that may be a fraction or
+a thousand is refused. Other columns are copied, x_mm as given_x_mm and so on.
 The columns x_mm, y_mm, rotation_deg, force_N, their deviations, chi_square, p_value,
 alternatives (touches with another place or force and 1 % of the likelihood or more),
 status, remark and clipped (channels whose readings are limits, not values) follow.

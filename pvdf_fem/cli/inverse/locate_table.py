@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -105,6 +105,19 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
     return _print_summary(counts, mistakes)
 
 
+class _RowNote(NamedTuple):
+    """A note about the cells of a row: why it is refused, or the words in place of numbers."""
+
+    text: str  #: Empty if there is nothing to say.
+    is_refused: bool
+
+    def add_to(self, remark: str) -> str:
+        """Return a remark about a touch with this note, which replaces it for a refused row."""
+        if self.is_refused or not remark:
+            return self.text or remark
+        return f"{remark}; {self.text}" if self.text else remark
+
+
 class _RowLocator:
     """A locator of the rows of a table, which loads or builds the response when it is made.
 
@@ -197,14 +210,14 @@ class _RowLocator:
         If a row cannot be read, the output has the reason as remark instead of a touch; its status
         is ``malformed`` if the row is, and ``not_finite`` if one of its cells is not a number.
         """
-        numbers, defects = self._read_numbers(rows)
+        numbers, notes = self._read_numbers(rows)
         self._settle_unit(numbers)
         self._find_limits(numbers)
         step = len(rows) if self.is_quick else CALIBRATED_ROWS
         for start in range(0, len(rows), step):
             part = slice(start, start + step)
             located = self._locate_numbers({name: numbers[name][part] for name in numbers})
-            yield self._make_cells(rows[part], defects[part], located)
+            yield self._make_cells(rows[part], notes[part], located)
 
     def _find_limits(self, numbers: Mapping[str, Array]) -> None:
         """Find the readings at which channels clip, though the scene has no ``readout.range_V``.
@@ -250,7 +263,7 @@ class _RowLocator:
         return {name: column.tolist() for name, column in touches.to_table().items()}
 
     def _make_cells(
-        self, rows: Sequence[Row], defects: Sequence[str], columns: Mapping[str, list[Any]]
+        self, rows: Sequence[Row], notes: Sequence[_RowNote], columns: Mapping[str, list[Any]]
     ) -> list[dict[str, Any]]:
         """Make the cells of the output by column, for each of some rows.
 
@@ -258,8 +271,8 @@ class _RowLocator:
         ----------
         rows : sequence of Row
             Rows of the table, from which columns are copied.
-        defects : sequence of str
-            Reason for each row that cannot be read, otherwise an empty text.
+        notes : sequence of _RowNote
+            Notes about the cells of each row.
         columns : mapping of str to list
             Columns of the output that describe the touches.
         """
@@ -270,10 +283,10 @@ class _RowLocator:
                 if index < len(row.cells):
                     cells[name] = row.cells[index]
             if row.defect:
-                cells |= _make_malformed_row_cells(columns, defects[i])
+                cells |= _make_malformed_row_cells(columns, notes[i].text)
             else:
                 cells |= {name: to_plain(column[i]) for name, column in columns.items()}
-                cells["remark"] = defects[i] or cells["remark"]
+                cells["remark"] = notes[i].add_to(str(cells["remark"]))
             located.append(cells)
         return located
 
@@ -286,7 +299,7 @@ class _RowLocator:
         if words:
             print(f"{name}: missing readings: {words}", file=sys.stderr)
 
-    def _read_numbers(self, rows: Sequence[Row]) -> tuple[dict[str, Array], list[str]]:
+    def _read_numbers(self, rows: Sequence[Row]) -> tuple[dict[str, Array], list[_RowNote]]:
         """Read the numbers of rows.
 
         Returns
@@ -294,21 +307,22 @@ class _RowLocator:
         numbers : dict of str to ndarray, shape (rows,)
             Readings by electrode, and known quantities; NaN where missing or malformed. Readings
             that are marked as beyond the range of an instrument are infinite.
-        defects : list of str
-            Reason for each row that cannot be read, otherwise an empty text.
+        notes : list of _RowNote
+            Notes about the cells of each row.
         """
         values = np.full((len(rows), len(self.names)), np.nan)
-        defects = []
+        notes = []
         for i, row in enumerate(rows):
-            defect = ""
             try:
                 values[i] = self.numbers.read(row)
+                words = self.numbers.describe_words(row, values[i])
+                notes.append(_RowNote(escape_unprintable(words), is_refused=False))
             except CellError as error:
-                defect = escape_unprintable(str(error))
+                reason = escape_unprintable(str(error))
+                notes.append(_RowNote(reason, is_refused=True))
                 if len(self.malformed) < MAX_MALFORMED:
-                    self.malformed.append(defect)
-            defects.append(defect)
-        return dict(zip(self.names, values.T, strict=True)), defects
+                    self.malformed.append(reason)
+        return dict(zip(self.names, values.T, strict=True)), notes
 
 
 def _list_touch_columns() -> list[str]:

@@ -220,7 +220,7 @@ class Location(Result):
             reason = f"{charges} not determine {', '.join(self.unknown)}"
             if self.clipped:
                 return (f"{clipped}; the other {reason}; {CLIPPED_ADVICE}",)
-            return (f"undetermined: {reason}; read more electrodes, or fix more quantities",)
+            return (f"undetermined: {reason}; use more electrodes, or fix more quantities",)
         notes = self._format_explanations()
         if self.clipped:
             notes.append(f"{clipped}: the readings are limits, not values; {CLIPPED_ADVICE}")

@@ -126,7 +126,7 @@ def gradients(
     if tolerance is not None:
         tolerance = coerce("tolerance", tolerance, float, (1e-9, 1.0))
         if isinstance(solution, Solution) and solution.stop is Stop.GIVEN_MESH:
-            reason = "would leave the mesh that was given; give the scene instead, or no tolerance"
+            reason = "may require another mesh than the one given; give the scene, or no tolerance"
             raise ValueError(format_error("tolerance", tolerance, reason))
     if not isinstance(solution, Solution):
         solution = solve_problem(problem)

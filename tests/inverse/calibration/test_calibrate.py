@@ -313,7 +313,7 @@ def test_clipped_readings_are_left_out_and_named(calibration, unit):
         found = {(each["row"], each["electrode"]) for each in result.to_json()["clipped"]}
         assert found == expected
         assert np.isnan(result.fit.model.table.readings).sum() == len(expected)
-        texts = [note for note in result.notes if " is clipped at " in note]
+        texts = [note for note in result.notes if " is clipped (" in note]
         assert len(texts) == len({name for _, name in expected})
         assert all(unit in text for text in texts)
         for name, parameter in calibration.parameters.items():

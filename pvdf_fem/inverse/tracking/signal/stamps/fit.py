@@ -20,16 +20,18 @@ AGREEING_FRACTION = 0.6
 BURST_STEP = 0.2
 #: Smallest number of different stamps to fit.
 MIN_STAMPS = 4
-#: Smallest number of longer steps that tell rounded stamps from missing rows by their evenness ...
-MIN_LONG_STEPS = 8
-#: ... or, if the distances between them differ by at most one row, ...
-MIN_EVEN_STEPS = 5
-#: ... as far as residuals stay within this multiple of the excess of the longer steps.
-MAX_ROUNDING = 1.2
+#: Smallest number of longer steps that tell rounded stamps from missing rows by their evenness.
+MIN_LONG_STEPS = 5
+#: Residuals of rounded stamps stay within this multiple of the excess of the longer steps.
+MAX_ROUNDING = 1.1
 #: Smallest number of steps backward that count as jitter and not as single faults.
 MIN_BACKWARD_STEPS = 3
 #: Smallest number of rows between jumps that makes them jitter of chunks and not single faults.
 MIN_CHUNK = 3
+#: Jump of the deviations, in intervals, that separates chunks, and largest number of those that are
+#: gaps if none goes back.
+JUMP = 0.3
+MAX_GAPS = 2
 #: Fraction of steps that must be multiples of the interval if many rows are missing, and of those
 #: that must be one interval.
 MULTIPLE_FRACTION = 0.85
@@ -49,8 +51,10 @@ class StampFit(NamedTuple):
 
     kind: StampKind
     interval_s: float
-    #: Time of row 0, extrapolated from the first usable stamps.
+    #: Time of row 0, extrapolated from the first usable stamps, ...
     origin_s: float
+    #: ... and from the last ones.
+    last_origin_s: float
     #: Largest deviation of a stamp from the line of constant interval.
     band_s: float
     #: Steps of at most this size count as repeated stamps.
@@ -113,19 +117,19 @@ def fit_stamps(rows: Sequence[int], stamps: Sequence[float]) -> StampFit | None:
         return None
     rates = longest.time_steps / longest.row_steps
     kind = _classify(longest, interval, agreed is not None)
-    residuals = longest.stamps - interval * longest.rows
-    first = next(segment for segment in segments if len(segment.rows) >= 3)
-    if kind is StampKind.JITTERED:
-        origin = float(np.median(first.stamps - interval * first.rows))
-    else:
+    usable = [segment for segment in segments if len(segment.rows) >= MIN_CHUNK]
+    first = usable[0]
+    levels = _split_at_gaps(first, interval)
+    origin = float(np.median(levels[0]))
+    if kind is not StampKind.JITTERED:
         origin = _find_anchor(first, interval, kind)
     # The largest deviation of few stamps is exceeded soon.
-    margin = 1.0 + 8.0 / len(residuals)
-    band = margin * float(np.max(np.abs(residuals - np.median(residuals))))
+    band = (1.0 + 8.0 / len(longest.rows)) * _measure_band(longest, interval)
     return StampFit(
         kind=kind,
         interval_s=interval,
         origin_s=origin,
+        last_origin_s=float(np.median(_split_at_gaps(usable[-1], interval)[-1])),
         band_s=band if kind is StampKind.JITTERED else 0.0,
         repeat_s=0.0 if heads is None else BURST_STEP * interval,
         stamp_count=len(longest.rows),
@@ -198,15 +202,15 @@ def _is_rounded(segment: _Segment, agree: Mask) -> bool:
 
     Notes
     -----
-    Rounded stamps deviate from a line by less than the difference of long and short steps; missing
-    rows make the deviations a random walk.
+    Rounded stamps deviate from a line by less than the difference of long and short steps, and the
+    distances of long steps differ by at most one row. Missing rows make the deviations a random
+    walk.
     """
     excess = segment.time_steps[~agree] - np.median(segment.time_steps[agree])
-    if excess.size < MIN_EVEN_STEPS or np.any(segment.row_steps > 1) or np.any(excess <= 0.0):
+    if excess.size < MIN_LONG_STEPS or np.any(segment.row_steps > 1) or np.any(excess <= 0.0):
         return False
     distances = np.diff(np.flatnonzero(~agree))
-    is_even = np.max(distances) - np.min(distances) <= 1
-    if not (is_even or excess.size >= MIN_LONG_STEPS):
+    if np.max(distances) - np.min(distances) > 1 or np.ptp(excess) > AGREEMENT * np.max(excess):
         return False
     line = np.polyfit(segment.rows, segment.stamps - segment.stamps[0], 1)
     residuals = segment.stamps - segment.stamps[0] - np.polyval(line, segment.rows)
@@ -266,13 +270,43 @@ def _has_chunk_jitter(segment: _Segment, interval: float) -> bool:
     interval : float
         Sampling interval in s.
     """
-    residuals = segment.stamps - interval * segment.rows
-    jumps = np.flatnonzero(np.abs(np.diff(residuals)) > 3.0 * AGREEMENT * interval) + 1
     levels = []
-    for chunk in np.split(residuals, jumps):
+    for chunk in _split_at_jumps(segment, interval):
         if len(chunk) >= MIN_CHUNK:
             levels.append(np.median(chunk))
-    return bool(np.any(np.diff(levels) < -3.0 * AGREEMENT * interval))
+    return bool(np.any(np.diff(levels) < -JUMP * interval))
+
+
+def _split_at_jumps(segment: _Segment, interval: float) -> list[Array]:
+    """Split the deviations of stamps from constant intervals where they jump."""
+    residuals = segment.stamps - interval * segment.rows
+    jumps = np.flatnonzero(np.abs(np.diff(residuals)) > JUMP * interval) + 1
+    return np.split(residuals, jumps)
+
+
+def _split_at_gaps(segment: _Segment, interval: float) -> list[Array]:
+    """Split the deviations of stamps at gaps, unless they jump back as well, as jitter does.
+
+    Parameters
+    ----------
+    segment : _Segment
+        Stamps without a large jump.
+    interval : float
+        Sampling interval in s.
+    """
+    parts = _split_at_jumps(segment, interval)
+    starts = np.array([part[0] for part in parts[1:]])
+    ends = np.array([part[-1] for part in parts[:-1]])
+    has_gaps_only = len(parts) <= MAX_GAPS + 1 and np.all(starts > ends)
+    return parts if has_gaps_only else [segment.stamps - interval * segment.rows]
+
+
+def _measure_band(segment: _Segment, interval: float) -> float:
+    """Return the largest deviation of stamps from constant intervals between gaps."""
+    sizes = []
+    for part in _split_at_gaps(segment, interval):
+        sizes.append(np.max(np.abs(part - np.median(part))))
+    return float(max(sizes))
 
 
 def _find_anchor(segment: _Segment, interval: float, kind: StampKind) -> float:
@@ -285,9 +319,12 @@ def _find_anchor(segment: _Segment, interval: float, kind: StampKind) -> float:
     interval : float
         Sampling interval in s.
     kind : StampKind
-        Kind of the stamps: regular ones are followed by another one an interval later.
+        Kind of the stamps: regular ones are followed by another one an interval later, or several.
     """
+    if kind is StampKind.REGULAR and _is_cured_by_sorting(segment, interval):
+        return float(np.min(segment.stamps) - interval * segment.rows[0])
     rates = segment.time_steps / segment.row_steps / interval
-    pairs = np.flatnonzero(np.abs(rates - 1.0) <= 3.0 * AGREEMENT)
+    multiples = np.maximum(np.round(rates), 1.0)
+    pairs = np.flatnonzero(np.abs(rates - multiples) <= JUMP)
     anchor = pairs[0] if pairs.size and kind is StampKind.REGULAR else 0
     return float(segment.stamps[anchor] - interval * segment.rows[anchor])
