@@ -162,6 +162,7 @@ class Contact:
         circuit = self.circuit
         elapsed_s = time_s - record.onset_s
         error_V = baseline.noise_V * baseline.compute_relative_errors(time_s, interval_s)
+        error_V = np.where(self.is_settled, error_V, 0.0)
         drift_pC = (circuit.capacitance + circuit.conductance * elapsed_s) * error_V
         above_line = np.where(self.is_settled, voltages - baseline.predict_line(time_s), np.nan)
         is_clipped = is_clipped & self.is_settled

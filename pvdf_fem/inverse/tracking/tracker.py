@@ -19,11 +19,13 @@ from pvdf_fem.electrodes.channel import find_unit_errors, get_reading_unit, make
 from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE, get_scene_quantities
 from pvdf_fem.inverse.touch.measurement import get_centre_mm
 from pvdf_fem.inverse.touch.validation import find_quantity_errors
+from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.contact_detector import VoltageSample
 from pvdf_fem.inverse.tracking.contact_problem import ContactProblem
 from pvdf_fem.inverse.tracking.contact_watch import ContactWatch
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
+from pvdf_fem.inverse.tracking.reading_input import ReadingInput
 from pvdf_fem.inverse.tracking.result_builder import ResultBuilder
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
@@ -32,9 +34,9 @@ from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
 from pvdf_fem.inverse.tracking.signal.reading_filter import FilteredSample, Validity
 from pvdf_fem.inverse.tracking.signal.settling import SettledSamples, Settling
 from pvdf_fem.inverse.tracking.signal.signal_chain import MIN_PAUSE_INTERVALS, SignalChain
+from pvdf_fem.inverse.tracking.stream_diagnosis import MAX_TESTED, find_misreading
 from pvdf_fem.scene.arguments import Names, as_response, coerce
 from pvdf_fem.scene.readout import Readout
-from pvdf_fem.scene.scene_file import suggest
 from pvdf_fem.surrogate.charge_function import ChargeFunction
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
@@ -110,8 +112,10 @@ class Tracker:
         self.touches: list[TouchSummary] = []
         self._options = options
         self._names = list(self.response.names)
-        self._circuit = ReadoutCircuit.from_channels(make_channels(scene))
-        self._scale, self._shift = self._circuit.compute_conversion(unit or get_reading_unit(scene))
+        self._channels = make_channels(scene)
+        self._unit = unit or get_reading_unit(scene)
+        self._circuit = ReadoutCircuit.from_channels(self._channels)
+        self._input = ReadingInput(self._names, self._circuit, self._unit)
         self._problem = ContactProblem.from_response(self.response, fixed, options)
         self._results = ResultBuilder(self._problem, self._names)
         readout = scene.readout or Readout()
@@ -127,6 +131,7 @@ class Tracker:
         self._settled_at_s = math.nan
         self._row = TrackRow(math.nan, TrackStatus.SETTLING)
         self._notes: list[str] = []
+        self._unexplained_peaks: list[ChargeSample] = []
         self._faint_count = 0  # Number of contacts whose charges stayed within their errors.
 
     def _make_settling(self) -> Settling:
@@ -189,7 +194,7 @@ class Tracker:
         ValueError
             If a name is unknown, or the number of readings is wrong.
         """
-        samples = self._signal.receive(t, self._coerce_readings(readings))
+        samples = self._signal.receive(t, self._input.compute_voltages(readings))
         for sample in samples:
             self._process(sample)
         if not samples:
@@ -216,41 +221,8 @@ class Tracker:
             self._finish_contact(self._contact, TrackStatus.LOST)
         if self._settling:
             self._finish_settling(self._settling)
+        self._note_misreading()
         return self._row
-
-    def _coerce_readings(self, readings: Mapping[str, float] | Sequence[float]) -> list[float]:
-        """Convert readings to voltages in the order of the electrodes.
-
-        Parameters
-        ----------
-        readings : mapping of str to float, or sequence of float
-            See `update`.
-
-        Returns
-        -------
-        list of float
-            Voltages in V before gain and offset, NaN where they are missing.
-        """
-        names = self._names
-        if isinstance(readings, Mapping):
-            unknown = readings.keys() - {*names}
-            if unknown:
-                name = min(unknown)
-                raise ValueError(f"readings.{name}: no such channel; {suggest(name, names)}")
-            readings = [readings.get(name, math.nan) for name in names]
-        elif isinstance(readings, np.ma.MaskedArray):
-            readings = readings.astype(float).filled(math.nan)
-        if len(readings) != len(names):
-            advice = f"give one for each of {', '.join(names)}"
-            raise ValueError(f"readings: {len(readings)} values; {advice}")
-        voltages = []
-        for reading, scale, shift in zip(readings, self._scale, self._shift, strict=True):
-            try:
-                voltages.append(float(reading) * scale + shift)
-            except (TypeError, ValueError):
-                reason = "is not a number; give a number in the unit of the readings, or nan"
-                raise ValueError(f"readings = {reading!r:.40}: {reason}") from None
-        return voltages
 
     def _process(self, sample: FilteredSample) -> None:
         """Process the next sample when its readings are decided."""
@@ -286,6 +258,7 @@ class Tracker:
         """Watch the baseline that has been learned, first in the samples after it."""
         self._baseline.set_lines(settled.baseline, self._signal.interval_s)
         self._signal.removes_spikes = True
+        self._signal.filter.spikes.add_counts(settled.spike_counts)
         self._watch = ContactWatch(
             self._baseline,
             settled.sample_count,
@@ -329,6 +302,17 @@ class Tracker:
             reason = f"the readings were not steady after {settling.touched_from_s:.3f} s"
             advice = "keep the film free at the start"
         self._notes.append(f"the baseline was not learned: {reason}; {advice}")
+
+    def _note_misreading(self) -> None:
+        """Note which mistake in the readings explains the touches that were not located."""
+        peaks = self._unexplained_peaks
+        if not peaks:
+            return
+        misreading = find_misreading(self._problem, self._channels, peaks, self._unit)
+        if misreading:
+            self._notes.append(
+                f"touches could not be located, but could if {misreading.text}: {misreading.advice}"
+            )
 
     def _watch_baseline(self, sample: FilteredSample, watch: ContactWatch) -> None:
         """Process a sample outside of contacts, and begin a contact if there is one.
@@ -446,6 +430,9 @@ class Tracker:
         if contact.is_significant:
             number = len(self.touches) + 1
             self.touches.append(self._results.summarise_contact(contact, number, status))
+            has_space = len(self._unexplained_peaks) < MAX_TESTED
+            if has_space and not contact.is_explained and not contact.was_clipped.any():
+                self._unexplained_peaks.append(contact.record.compute_peak())
         else:
             self._faint_count += 1
         times_s, voltages = contact.record.get_voltages_after_end()

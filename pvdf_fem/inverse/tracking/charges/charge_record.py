@@ -222,10 +222,11 @@ class ChargeRecord:
         placed where its mean charge is largest.
         """
         rows = self.rows
-        sizes = np.sqrt(np.square(rows.charges_pC).sum(axis=1))
+        comparable = self._find_comparable_channels()
+        sizes = np.sqrt(np.square(rows.charges_pC[:, comparable]).sum(axis=1))
         highest = int(np.argmax(sizes))
         top = rows.get_sample(highest)
-        measured = top.is_measured
+        measured = top.is_measured & comparable
         along = np.square(top.direction[measured])
         deviation = math.sqrt(along @ top.noise_variance[measured])
         half = (int((sizes >= sizes[highest] - 3.0 * deviation).sum()) - 1) // 2
@@ -234,15 +235,20 @@ class ChargeRecord:
         first = int(np.argmax(sums[len(weights) :] - sums[: -len(weights)]))
         window = rows.select(slice(first, first + len(weights)))
         peak = smooth_charges(window, weights)
-        return self._choose_larger(peak)
-
-    def _choose_larger(self, peak: ChargeSample) -> ChargeSample:
-        """Return the kept peak if it is larger than a peak, else the peak."""
         kept = self._kept_peak
         if kept is None:
             return peak
-        is_larger = np.linalg.norm(kept.charges_pC) > np.linalg.norm(peak.charges_pC)
-        return kept if is_larger else peak
+        kept_size = np.linalg.norm(kept.charges_pC[comparable])
+        return kept if kept_size > np.linalg.norm(peak.charges_pC[comparable]) else peak
+
+    def _find_comparable_channels(self) -> Mask:
+        """Return the channels whose charges may be compared at different times.
+
+        These are the channels that were never clipped: the charge of a clipped channel is a limit
+        that jumps when its voltage is known again. If all were clipped, all are compared.
+        """
+        was_clipped = self.rows.is_clipped.any(axis=0)
+        return np.ones_like(was_clipped) if was_clipped.all() else ~was_clipped
 
     def detect_end(self) -> bool:
         """Decide whether the contact has ended, and set `still_count` in either case.

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.inverse.tracking.signal.harmonic_windows import Phasors, square_abs
-from pvdf_fem.inverse.tracking.signal.hum_follower import (
+from pvdf_fem.inverse.tracking.signal.hum.harmonic_windows import Phasors, square_abs
+from pvdf_fem.inverse.tracking.signal.hum.hum_follower import (
     HumFollower,
     HumState,
     MainsHumOptions,

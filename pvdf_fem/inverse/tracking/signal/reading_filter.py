@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from enum import IntEnum, auto
 from typing import NamedTuple
 
-from pvdf_fem.inverse.tracking.signal.baseline import Baseline, ChannelBaseline
+from pvdf_fem.inverse.tracking.signal.baseline import Baseline
+from pvdf_fem.inverse.tracking.signal.channel_baseline import ChannelBaseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 
 #: Voltages beyond this magnitude in V are missing: no converter has such a range.
@@ -15,6 +16,9 @@ MAX_VOLTAGE_V = 1e6
 #: A channel is frozen if so many equal readings are less likely than this by chance.
 FROZEN_PROBABILITY = 1e-9
 MIN_FROZEN_READINGS = 4  #: Fewer equal readings do not count as frozen.
+#: A channel whose noise is smaller than this number of its steps often repeats a reading, so that it
+#: is not found to be frozen.
+MIN_NOISE_STEPS = 2.0
 #: Number of readings over which the probability of equal readings is estimated.
 EQUALITY_MEMORY = 4096
 #: A frozen channel is clipped if its voltage is further from the baseline, in noise deviations.
@@ -81,6 +85,7 @@ class ChannelFilter:
         self._last_V = math.nan
         self._min_V = math.inf
         self._max_V = -math.inf
+        self._step_V = math.inf  # Smallest difference of two readings in a row.
         self.repeat_count = 1  #: Number of equal readings in a row.
         self._equal_count = 1.0
         self._reading_count = 2.0
@@ -101,6 +106,9 @@ class ChannelFilter:
             if self.repeat_count > 1:
                 self._finish_repeats()
             self._reading_count += 1.0
+            step_V = abs(voltage - self._last_V)
+            if step_V < self._step_V:
+                self._step_V = step_V
             self._last_V = voltage
             if voltage > self._max_V:
                 self._max_V = voltage
@@ -148,7 +156,8 @@ class ChannelFilter:
 
     def _is_frozen(self) -> bool:
         """Whether so many equal readings are too unlikely to have come by chance."""
-        if self.repeat_count < MIN_FROZEN_READINGS:
+        is_coarse = self._baseline.noise_V < MIN_NOISE_STEPS * self._step_V
+        if is_coarse or self.repeat_count < MIN_FROZEN_READINGS:
             return False
         probability = self._equal_count / self._reading_count
         return bool(probability ** (self.repeat_count - 1) < FROZEN_PROBABILITY)
@@ -216,6 +225,11 @@ class SpikeFilter:
             return self.flush()
         longest = max(MIN_SPIKE_SAMPLES, round(MAX_SPIKE_S / interval_s))
         return self.flush() if len(self._held) > longest else []
+
+    def add_counts(self, counts: Sequence[int]) -> None:
+        """Add numbers of spikes, by channel, that were found while the baseline was learned."""
+        for number, count in enumerate(counts):
+            self.spike_counts[number] += count
 
     def flush(self) -> list[FilteredSample]:
         """Return all samples that are held back."""
@@ -308,7 +322,9 @@ class ReadingFilter:
                 self.clipped_counts[number] += 1
                 continue
             marked[number] = math.nan
-            if validity is Validity.FROZEN:
+            if validity is Validity.MISSING and not math.isnan(voltages[number]):
+                self.spikes.spike_counts[number] += 1
+            elif validity is Validity.FROZEN:
                 self.frozen_counts[number] += 1
                 self._mark_held_as_missing(number, channel.repeat_count)
         return FilteredSample(time_s, marked, is_clipped, follows_pause)

@@ -44,6 +44,7 @@ class SettledSamples:
 
     baseline: SettledBaseline
     sample_count: int  #: Number of samples that the baseline was learned from.
+    spike_counts: list[int]  #: Number of readings that were spikes, by channel.
     #: The last samples, without hum, which may already belong to a contact.
     pending: list[FilteredSample]
 
@@ -128,6 +129,8 @@ class Settling:
             self._hum.learn(times_s, voltages)
             voltages = voltages - self._hum.predict(times_s)
             voltages = _remove_spikes(voltages, self._estimate_noise(voltages))
+        raw = np.array([sample.voltages for sample in samples])
+        is_spike = np.isnan(voltages) & ~np.isnan(raw)
         noise_V = self._estimate_noise(voltages)
         has_signal = _find_signals(voltages)
         count = len(samples) - len(samples) // PART_COUNT
@@ -142,7 +145,12 @@ class Settling:
         pending = []
         for sample, cleaned in zip(samples[count:], voltages[count:].tolist(), strict=True):
             pending.append(sample._replace(voltages=cleaned))
-        return SettledSamples(replace(fitted.baseline, count=line_count), count, pending)
+        return SettledSamples(
+            replace(fitted.baseline, count=line_count),
+            count,
+            spike_counts=is_spike.sum(axis=0).tolist(),
+            pending=pending,
+        )
 
     def _estimate_noise(self, voltages: Array) -> Array:
         """Estimate the noise from second differences, which hardly contain the signal of a touch.
