@@ -169,7 +169,7 @@ def add_text_option(
 
 
 class NoiseOptions(NamedTuple):
-    """Standard deviations of readings, by the options of `add_noise_options`."""
+    """Standard deviations of readings, as the options of `add_noise_options` give them."""
 
     sigma: float  #: As a fraction of the charge or change that is read.
     noise: float | None  #: Additional one of every reading; None for that of the readout.

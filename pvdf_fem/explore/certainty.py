@@ -147,7 +147,7 @@ def _estimate_covariance(solution: Solution, values: dict[str, float], noise: fl
 
 
 def _format_key_name(scene: Scene, key: str) -> str:
-    """Format a scene key in words, after its table if this is one of a list of tables."""
+    """Format a scene key in words, with its table in front if this is one of a list."""
     table, _, name = key.rpartition(".")
     title = format_title(find_section(scene, table), name)
     return f"{table} {title}" if "[" in table else title

@@ -311,7 +311,7 @@ class _Searches:
         )
 
     def mark_repeated(self, trial: _TrialSteps) -> Mask:
-        """Mark the steps that end close to that of a better search or to a minimum.
+        """Mark the steps whose ends are close to that of a better search's step, or to a minimum.
 
         A search is better if its chi-square is lower. The minima are the end points of the searches
         that have converged.

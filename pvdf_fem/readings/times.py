@@ -18,7 +18,7 @@ TIME_NAMES = (
 SECONDS_PER_DAY = 86400.0
 
 _TIME_OF_DAY = (
-    r"(?P<hour>[0-9]{1,2}):(?P<minute>[0-9]{2})(?::(?P<second>[0-9]{2})(?P<fraction>[.,][0-9]+)?)?"
+    r"(?P<hour>[0-9]{1,2}):(?P<minute>[0-9]{2})(?::(?P<second>[0-9]{2})(?P<fraction>[.,:][0-9]+)?)?"
     r"\s*(?P<half>[AaPp][Mm])?\s*(?P<zone>[Zz]|UTC|[+-][0-9]{2}:?[0-9]{2})?"
 )
 _DATE = r"(?P<date>[0-9]{1,4}(?P<mark>[-./])[0-9]{1,2}(?P=mark)(?:[0-9]{4}|[0-9]{1,2}))"

@@ -105,8 +105,8 @@ class Film(Section):
     at zero, stiffens the film. auto: only where that could change a charge by more than
     numerics.tolerance."""
     compression: Literal["refuse", "tension-field"] = "refuse"
-    """refuse: compressive stress gives a warning. The estimated change of a charge by wrinkles is
-    part of the charge's error, and there is no result if it exceeds a tenth. tension-field: the
+    """refuse: compressive stress gives a warning. The estimated change of a charge due to wrinkles
+    is part of the charge's error, and there is no result if it exceeds a tenth. tension-field: the
     film wrinkles."""
     d33_pC_N: Annotated[float | None, replace(COEFFICIENT, affects=None, example=-15.0)] = None
     """Charge per stress across the thickness, negative for PVDF: the pressure of a probe generates

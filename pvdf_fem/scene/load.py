@@ -168,5 +168,5 @@ class Load(LoadOverrides):
 
     @property
     def profile_entry(self) -> ProfileEntry:
-        """The registry entry of the pressure profile: of its name, or of all profiles in files."""
+        """The registry entry of the pressure profile; all profiles in files have the same one."""
         return PROFILE_ENTRIES.get(self.profile, TABLE_ENTRY)

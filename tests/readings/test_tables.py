@@ -64,6 +64,8 @@ def test_numbers_are_read_as_they_are_meant(cells, values):
         ("A,B\n0.5,1\n# end\n\n% end\n// end\n0.6,1\n", [[0.5, 1.0], [0.6, 1.0]]),
         ("Rate;1000\nA;left\nB;right\n\nA;B\n0,5;1\n", [[0.5, 1.0]]),
         ("Channels: A,B\nGain A: 2\nA,B\n0.5,1\n", [[0.5, 1.0]]),
+        ("Channel;A;B\nRange;5;5\nUnit;V;V\n\ntime (s);A;B\n0;0,5;1\n", [[0.0, 0.5, 1.0]]),
+        (" A | B \n---+---\n 0.5 | 1 \n", [[0.5, 1.0]]),
         ("x\t1\n***End_of_Header***\t\nA,B\n0.5,1\n", [[0.5, 1.0]]),
         ("A;B\n1.041;2.113\n0.5;1\n", [[1.041, 2.113], [0.5, 1.0]]),
         ("A;B;note\n1.041;2;x\n3;4;241,5\n", [[1041.0, 2.0], [3.0, 4.0]]),

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli.inverse.locate_request import UNKNOWN_HELP, Request, require_locatable
+from pvdf_fem.cli.inverse.recording_options import add_recording_options
 from pvdf_fem.cli.inverse.unit_option import add_unit_option, choose_unit
 from pvdf_fem.cli.options import (
     add_noise_options,
@@ -109,7 +110,7 @@ def add_parser(commands: Any) -> None:
         source,
         "--csv",
         "FILE",
-        about="a table of readings, or - for standard input (see --json)",
+        about="a table of readings or a file of a logger, or - for standard input (see --json)",
     )
     parser.add_argument(
         "--quick",
@@ -148,6 +149,7 @@ def add_parser(commands: Any) -> None:
         help="another scene, with another probe, that may have given the charges; all are "
         "compared by likelihood. May be repeated",
     )
+    add_recording_options(parser)
     add_response_options(parser)
     add_plot(parser, "the likelihood of the touch by position")
 

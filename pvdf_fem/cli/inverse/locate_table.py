@@ -19,11 +19,13 @@ from pvdf_fem.cli.inverse.reading_table import (
     EXTENSIONS,
     MAX_MALFORMED,
     choose_electrode_columns,
+    count_lines,
     describe_words,
     open_readings,
     open_writer,
     to_plain,
 )
+from pvdf_fem.cli.inverse.recording_options import make_recording_options
 from pvdf_fem.cli.inverse.unit_option import choose_unit, require_valid_unit
 from pvdf_fem.cli.output import find_output_errors
 from pvdf_fem.cli.program import ExitCode, InputError
@@ -74,20 +76,22 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
     errors = find_output_errors(target, EXTENSIONS, Path(options.scene), source, options.model)
     if not {"x_mm", "y_mm"} <= set(request.unknown):
         errors.append("--unknown: x and y are always unknown in a table; name them")
+    given_options = make_recording_options(options, scene, errors)
     if errors:
         raise InputError(*errors)
+    recording_options = replace(given_options, needs_times=False, quantities=list(KNOWN))
     electrodes = [electrode.name for electrode in scene.electrode_list]
     counts = Counter[str]()
     mistakes = Counter[str]()
     clipped = Counter[str]()
     with ExitStack() as stack:
         input_format = choose_format(source, options.json)
-        table = open_readings(stack, source, input_format, electrodes, list(KNOWN))
+        table = open_readings(stack, source, input_format, electrodes, recording_options)
         locator = _RowLocator(scene, request, options, table)
         write = open_writer(
             stack, target, choose_format(target, options.json), locator.output_columns
         )
-        line_count = _count_lines(source)
+        line_count = count_lines(source if table.reopen else None)
         # no progress between rows on a terminal, nor for a pipe, whose length is unknown
         progress = options.progress if target and line_count else False
         show = stack.enter_context(show_progress("rows", progress))
@@ -373,14 +377,6 @@ def _make_malformed_row_cells(columns: Iterable[str], reason: str) -> dict[str, 
 def _list_mistakes(remark: str) -> list[str]:
     """Return the parts of a remark that describe a mistake in the readings."""
     return [part for part in remark.split("; ") if part.startswith(MISTAKE_PREFIX)]
-
-
-def _count_lines(source: Path | None) -> int:
-    """Count the lines of a file; 0 for standard input, whose length is unknown."""
-    if source is None:
-        return 0
-    with source.open("rb") as file:
-        return sum(1 for _ in file)
 
 
 def _print_clipped(

@@ -23,6 +23,7 @@ from pvdf_fem.cli.inverse.reading_table import (
     open_writer,
     to_plain,
 )
+from pvdf_fem.cli.inverse.recording_options import add_recording_options, make_recording_options
 from pvdf_fem.cli.inverse.unit_option import (
     add_unit_option,
     parse_unit_option,
@@ -64,6 +65,10 @@ error. Tables are read as instruments and spreadsheets write them, with any sepa
 decimal commas, header blocks and units. An empty cell, nan or a word such as OVER is
 a missing reading; other columns are ignored.
 
+The files of loggers are read as well, with times, rate and units as they have them:
+TDMS, LVM, XDF, MCAP, ROS 2 bags, HDF5, MATLAB, WAV and Parquet. Their packages come
+by: pip install "pvdf-fem[loggers]".
+
 A response is needed, as for `locate`: the first call builds it, says how long that
 takes, and stores it beside the scene file."""
 
@@ -88,6 +93,8 @@ once on standard error.
 examples:
   pvdf-fem track sensor.toml signals.csv > rows.csv
   my-logger | pvdf-fem track sensor.toml - --json
+  pvdf-fem track sensor.toml recording.tdms --channels A=Group/ai0,B=Group/ai1 > rows.csv
+  pvdf-fem track sensor.toml recording.wav --full-scale 2.5 > rows.csv
 
 exit codes: 0 done, 2 bad input, or no row that can be used, 3 a touch was not located,
 or the baseline was never learned"""
@@ -104,9 +111,10 @@ def add_parser(commands: Any) -> None:
         epilog=_EPILOG,
         json_help="print a JSON object for each row and touch",
     )
-    parser.add_argument("signals", metavar="SIGNALS.csv", help="readings, or - for standard input")
+    parser.add_argument("signals", metavar="SIGNALS", help="readings, or - for standard input")
     add_unit_option(parser, is_tested=False)
     add_text_option(parser, "--unknown", "NAMES", about=UNKNOWN_HELP, default="x,y,force")
+    add_recording_options(parser)
     add_response_options(parser)
 
 
@@ -134,6 +142,7 @@ def run(options: argparse.Namespace) -> int:
         errors.append(f"{options.scene}: has no [probe]; add one")
     unit = parse_unit_option(options.unit)
     errors += find_unit_errors(scene, unit, "--unit")
+    recording_options = make_recording_options(options, scene, errors)
     if errors:
         raise InputError(*errors)
     # This raises an error if the film has no unloaded equilibrium, before a response is built.
@@ -141,7 +150,8 @@ def run(options: argparse.Namespace) -> int:
     electrodes = [electrode.name for electrode in scene.electrode_list]
     source = None if options.signals == "-" else Path(options.signals)
     with ExitStack() as stack:
-        table = open_readings(stack, source, choose_format(source, False), electrodes)
+        table_format = choose_format(source, False)
+        table = open_readings(stack, source, table_format, electrodes, recording_options)
         columns, unit = choose_electrode_columns(table, electrodes, unit)
         require_valid_unit(scene, unit, table.name)
         times = _choose_time_column(table)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from pvdf_fem.cli.options import add_command, add_progress
 from pvdf_fem.cli.output import add_plot, find_output_errors, find_plot_errors, save_plot
 from pvdf_fem.cli.program import ExitCode, InputError
-from pvdf_fem.cli.studies.processes import add_processes, find_process_errors
+from pvdf_fem.cli.studies.processes import add_processes_option, find_process_errors
 from pvdf_fem.files import require_distinct
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def add_parser(commands: Any) -> None:
         help="file in which solved scenes are saved (default: the output's name with .db)",
     )
     where = parser.add_mutually_exclusive_group()
-    add_processes(where)
+    add_processes_option(where)
     where.add_argument(
         "--scheduler",
         metavar="ADDRESS",

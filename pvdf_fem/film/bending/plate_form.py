@@ -34,7 +34,7 @@ from pvdf_fem.scene.film import Film
 
 @dataclass(frozen=True)
 class Penalty:
-    """Numbers of the penalty tau on jumps of the slope across the edges of elements."""
+    """Parameters of the penalty tau on jumps of the slope across the edges of elements."""
 
     #: tau divided by D_nn times the mean of |e|/area over both sides of the edge e. The form is
     #: positive definite for numbers above 3 with order 3 and above 6 with order 4 (measured, from

@@ -126,7 +126,7 @@ def _list_unused_headings(table: Table, columns: Mapping[str, ChosenColumn]) -> 
 def _find_missing_column_errors(
     columns: Collection[str], needed: Sequence[str], unused: Sequence[str]
 ) -> Iterator[str]:
-    """Yield a message for each column that is missing, and for each that may have its place.
+    """Yield a message for each missing column, and for each other column that may be meant for it.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ class Explanation(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Location(Result):
-    """All likely touches for measured charges; each touch is by one probe or by two at once."""
+    """All likely touches for measured charges; each is a touch of one probe or of two."""
 
     #: The touches, with the lowest chi-square first; without degrees of freedom those that explain
     #: the charges first, and then by weight. Empty if no search converged.

@@ -11,7 +11,7 @@ MAX_QUOTED = 40  #: Maximum number of characters of a cell that messages repeat.
 #: Words for a missing number, in lower case.
 MISSING_WORDS = frozenset(
     (
-        *("", "nan", "+nan", "-nan", "nan0", "1.#qnan", "1.#ind", "-1.#ind"),
+        *("", "nan", "+nan", "-nan", "nan(ind)", "-nan(ind)", "1.#qnan", "1.#ind", "-1.#ind"),
         *("na", "<na>", "n/a", "n.a.", "n.v.", "null", "none", "missing", "invalid"),
         *("no data", "nodata"),
         *("-", "--", "---", "----", "?", "error", "err", "fehler"),

@@ -19,7 +19,7 @@ AUTO = "auto"
 #: Frequencies in Hz that ``auto`` looks for.
 MAINS_FREQUENCIES_HZ = (50.0, 60.0)
 
-#: Longest step of time that is not a pause, in windows.
+#: Longest step of time, in windows, that is neither a pause nor a step of the clock.
 MAX_STEP_WINDOWS = 0.5
 #: Relative change of the sampling rate from which everything is learnt anew.
 MAX_RATE_CHANGE = 0.2
@@ -202,7 +202,7 @@ class MainsHum:
         Parameters
         ----------
         time_s : float
-            Time of the sample.
+            Time of the sample. If it is not finite, nothing is subtracted.
         voltages : ndarray, shape (electrodes,)
             Voltages in V, NaN where they are missing.
 
@@ -214,9 +214,11 @@ class MainsHum:
         if not self._block_samples:
             return voltages
         step_s = time_s - self._last_time_s
-        self._last_time_s = time_s
-        if not 0.0 <= step_s <= self._max_step_s:
+        if not abs(step_s) <= self._max_step_s:
+            if not math.isfinite(time_s):
+                return voltages
             self._skip_pause(time_s, step_s)
+        self._last_time_s = time_s
         count = self._count
         self._times_s[count] = time_s
         self._voltages[count] = voltages
@@ -241,7 +243,7 @@ class MainsHum:
         self._voltages = np.zeros((samples, len(self._names)))
         plan = self._follower.plan
         if plan:
-            self._max_step_s = MAX_STEP_WINDOWS * plan.window_samples / plan.rate_Hz
+            self._max_step_s = MAX_STEP_WINDOWS * plan.window_s
 
     def _finish_block(self) -> None:
         """Pass the block on, and subtract the hum that is known then from the next samples."""

@@ -262,6 +262,20 @@ def test_hum_is_found_although_touches_disturb_the_block_that_is_learnt():
     assert compute_rms(error).max() < compute_limit(1e-3, truth)
 
 
+@pytest.mark.parametrize("kind", ["squares at 5 Hz", "taps at 5 Hz", "short at 5 Hz"])
+@pytest.mark.parametrize("rate_Hz", [333, 1000])
+def test_hum_is_never_taken_for_that_of_the_other_frequency(kind, rate_Hz):
+    # Seen between touches at 5 Hz only, hum of 60 Hz agrees with 50 Hz.
+    times = make_times(12.0, rate_Hz)
+    touch = discharge(make_touches(times, kind, first_s=0.0), times, 1.0)
+    for seed in range(4):
+        mains_Hz = 60.0 + 0.1 * (seed - 1.5)
+        truth = make_hum(times, mains_Hz=mains_Hz)
+        hum = MainsHum("auto", 4)
+        subtract_all(hum, times, touch + truth + make_noise(times, 5e-4, seed))
+        assert math.isnan(hum.frequency_Hz) or hum.frequency_Hz == pytest.approx(mains_Hz, abs=0.1)
+
+
 # --- changes of the hum
 
 
@@ -330,6 +344,20 @@ def test_missing_voltages_stay_missing_and_do_no_harm():
     assert np.array_equal(np.isnan(error), np.isnan(noise[count:]))
     assert compute_rms(error[1000:7400]).max() < compute_limit(1e-3, truth)
     assert compute_rms(error[8000:]).max() < compute_limit(1e-3, truth)
+
+
+def test_exchanged_rows_and_missing_times_do_no_harm():
+    times = make_times(20.0, 500)
+    truth = make_hum(times, mains_Hz=50.1)
+    noise = make_noise(times, 1e-3)
+    order = np.arange(len(times))
+    for row in range(1000, len(times), 700):
+        order[row : row + 2] = row + 1, row
+    shown = times[order]
+    shown[4000::900] = math.nan
+    count, cleaned = subtract_all(MainsHum("auto", 4), shown, (truth + noise)[order])
+    error = (cleaned - noise[order][count:])[np.isfinite(shown[count:])]
+    assert compute_rms(error[1000:]).max() < compute_limit(1e-3, truth)
 
 
 @pytest.mark.parametrize("value", [5.0, -1e300, math.inf])
