@@ -220,6 +220,7 @@ class _Session:
         self.write = open_writer(stack, None, ".jsonl" if options.json else ".csv", columns)
         self.rows = 0
         self.malformed_rows = 0
+        self.timed_rows = 0  #: Number of rows that have a time and are not malformed.
         self.reported_touches = 0
         self.has_announced_settling = False
         self.printed_notes: set[str] = set()
@@ -250,6 +251,7 @@ class _Session:
                 t_s = self.numbers.read_cell_or_nan(row, 0)
                 yield _to_plain_row(TrackRow(t_s, TouchStatus.MALFORMED))
                 continue
+            self.timed_rows += math.isfinite(t_s)
             tracked = self.tracker.update(t_s, readings)
             yield _to_plain_row(tracked)
             if tracked.status == "settling":
@@ -271,7 +273,7 @@ class _Session:
     def finish(self) -> int:
         """Finish the tracker, report the whole stream on standard error, and return the exit code.
 
-        If all rows are malformed, the exit code is `ExitCode.BAD_INPUT`. If a touch was not located
+        If no row can be used, the exit code is `ExitCode.BAD_INPUT`. If a touch was not located
         or the baseline was never learned, it is `ExitCode.NOT_CONVERGED`.
         """
         last = self.tracker.finish()
@@ -282,7 +284,8 @@ class _Session:
         words = describe_words(self.numbers)
         if words:
             self._print_message(f"{self.name}: missing readings: {words}")
-        if 0 < self.malformed_rows == self.rows:
+        if self.rows and not self.timed_rows:
+            self._print_message(f"{self.name}: no row has a time and readings; nothing is tracked")
             return ExitCode.BAD_INPUT
         self._print_notes()
         touches = self.tracker.touches

@@ -247,7 +247,7 @@ class ChargeRecord:
         These are the channels that were never clipped: the charge of a clipped channel is a limit
         that jumps when its voltage is known again. If all were clipped, all are compared.
         """
-        was_clipped = self.rows.is_clipped.any(axis=0)
+        was_clipped: Mask = np.asarray(self.rows.is_clipped.any(axis=0))
         return np.ones_like(was_clipped) if was_clipped.all() else ~was_clipped
 
     def detect_end(self) -> bool:
