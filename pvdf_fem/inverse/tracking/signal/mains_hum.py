@@ -177,25 +177,6 @@ class MainsHum:
         self._start_block()
         self._prepare_subtraction(self._last_time_s)
 
-    def predict(self, times_s: Array) -> Array:
-        """Predict the hum at given times from its present estimate.
-
-        Parameters
-        ----------
-        times_s : ndarray, shape (n,)
-            Times.
-
-        Returns
-        -------
-        ndarray, shape (n, electrodes)
-            Hum in V; 0 if there is none.
-        """
-        if self._rotations is None:
-            return np.zeros((len(times_s), len(self._names)))
-        phases = self._phase_rad + self._angular_frequency * (times_s - self._phase_time_s)
-        rotated = np.exp(np.multiply.outer(phases, self._rotations))
-        return np.asarray((rotated @ self._phasors).real)
-
     def subtract(self, time_s: float, voltages: Array) -> Array:
         """Subtract the hum from the next sample.
 
