@@ -149,7 +149,7 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def _find_command(words: Sequence[str]) -> str | None:
-    """Return the first word if it is a subcommand, and else None.
+    """Return the first word if it is a subcommand, otherwise None.
 
     Options ``-v`` in front of it are skipped. The result is None if any other option, such as
     ``--help``, or an unknown word comes first.

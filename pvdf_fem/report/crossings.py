@@ -90,8 +90,8 @@ class Contours:
 
         The position is NaN if no triple of electrodes has intersecting contours.
         """
-        places = [corners.mean(axis=0) for corners in self.find_triangles(charges_pC).values()]
-        return np.mean(places, axis=0) if places else np.full(2, np.nan)
+        positions = [corners.mean(axis=0) for corners in self.find_triangles(charges_pC).values()]
+        return np.mean(positions, axis=0) if positions else np.full(2, np.nan)
 
     @cached_property
     def _raster(self) -> tuple[Array, Array]:
@@ -101,8 +101,8 @@ class Contours:
         """
         reach = self.map.domain.reach_mm
         ticks = np.linspace(-reach, reach, RASTER)
-        places = np.stack(np.meshgrid(ticks, ticks), axis=-1)
-        charges = self.map.interpolate(places.reshape(-1, 2))
+        positions = np.stack(np.meshgrid(ticks, ticks), axis=-1)
+        charges = self.map.interpolate(positions.reshape(-1, 2))
         return ticks, charges.reshape(RASTER, RASTER, -1)
 
 

@@ -123,7 +123,7 @@ class Film(Section):
         float | None, Key("µC/(m² K)", (-1e5, 1e5), Affects.READING, example=-25.0)
     ] = None
     """Charge per area and kelvin of a film that is free to expand; the thermal stress of a clamped
-    film adds charge by d31 and d32. Neglected by default."""
+    film adds charge through d31 and d32. Neglected by default."""
     thermal_diffusivity_m2_s: Annotated[float, Key("m²/s", (1e-10, 0.01))] = 6e-8
     """Thermal diffusivity, for the heat of a probe with temperature_K."""
     patches: Annotated[tuple[Patch, ...] | None, Field(max_length=100)] = None

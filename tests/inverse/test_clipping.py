@@ -109,6 +109,17 @@ def test_readings_that_are_equal_by_chance_are_values(step):
     assert false <= 4
 
 
+def test_three_equal_readings_say_more_than_two():
+    """Whole numbers with a spacing of about 100: 1 % by chance for two, and 0.01 % for three."""
+    random = np.random.default_rng(0)
+    others = np.arange(0.0, 3000.0, 100.0) + random.integers(0, 60, 30)
+    for repeats, is_limit in ((2, False), (3, True)):
+        readings = random.gamma(3.0, 150.0, size=(30 + repeats, 4))
+        readings[:, 0] = [*others, *[3000.0] * repeats]
+        found = find_plateaus(readings, CHANNELS, "pC")
+        assert np.isfinite(found.high).tolist() == [is_limit, False, False, False]
+
+
 def test_an_extreme_that_occurs_once_is_a_limit_if_it_is_that_of_clipped_channels():
     """In V, whatever the capacitance of the channel; at another voltage it is a value."""
     channels = make_channels(Scene(readout={"feedback_capacitance_pF": {"B": 500.0, "C": 800.0}}))
@@ -124,6 +135,8 @@ def test_an_extreme_that_occurs_once_is_a_limit_if_it_is_that_of_clipped_channel
 def test_repeated_rows_symmetric_touches_and_quiet_rows_have_no_limits():
     readings = draw_readings(1)
     tables = [np.concatenate([readings, readings, readings])]
+    strongest = readings[readings[:, 0].argmax()]
+    tables.append(np.concatenate([readings, [strongest, strongest]]))
     mirrored = readings[:, [0, 3, 2, 1]]  # at the opposite y, without noise
     tables.append(np.concatenate([readings, mirrored]))
     tables.append(np.concatenate([readings, np.zeros((5, 4)), np.full((3, 4), np.nan)]))
@@ -134,9 +147,11 @@ def test_repeated_rows_symmetric_touches_and_quiet_rows_have_no_limits():
         assert np.isinf([*found.low, *found.high]).all()
 
 
-def test_offsets_are_not_readings_at_the_end_of_a_range():
+@pytest.mark.parametrize("offset_V", [0.25, -0.25])
+def test_offsets_are_not_readings_at_the_end_of_a_range(offset_V):
     """Quiet rows read the offset, which is the smallest reading."""
-    channels = make_channels(Scene(readout={"offset_V": 0.25}))
-    readings = np.concatenate([draw_readings(2) + 250.0, np.full((4, 4), 250.0)])
-    readings[-4:, 0] += [0.0, 1.0, 2.0, 3.0]
+    channels = make_channels(Scene(readout={"offset_V": offset_V}))
+    quiet = np.zeros((4, 4))
+    quiet[:, 0] = [0.0, 1.0, 2.0, 3.0]
+    readings = np.concatenate([draw_readings(2), quiet]) + 1e3 * offset_V
     assert np.isinf(find_plateaus(readings, channels, "pC").low).all()

@@ -35,7 +35,7 @@ examples:
   pvdf-fem report report.toml --kinds own.py --full
 
 exit codes: 0 all figures and tables are complete, 2 bad input, 3 some lack charges
-(the page gives the reason in their places), 130 interrupted"""
+(the page gives the reason instead of them), 130 interrupted"""
 
 
 def add_parser(commands: Any) -> None:

@@ -39,7 +39,7 @@ together, over a list or over `count` numbers from `start` to `stop`:
   name = "place"
   probe.x_mm = { start = 0, stop = 10, count = 41 }
   probe.y_mm = { start = 0, stop = 5, count = 41 }
-or the places of the thesis's mapping scheme, lines from the centre of an electrode:
+or the positions of the thesis's mapping scheme, lines from the centre of an electrode:
   [[axes]]
   mapping = { electrode = "A", angles_deg = [0, 45], distances_mm = [0, 4, 8] }
 Optional there: name, reach_mm (from the film's centre).

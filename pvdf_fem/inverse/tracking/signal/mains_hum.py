@@ -208,6 +208,24 @@ class MainsHum:
             self._finish_block()
         return cleaned
 
+    def predict(self, times_s: Array) -> Array:
+        """Predict the hum that is subtracted at some times, such as those of the learnt block.
+
+        Parameters
+        ----------
+        times_s : ndarray, shape (n,)
+            Times within a fraction of a second of the last sample.
+
+        Returns
+        -------
+        ndarray, shape (n, electrodes)
+            Hum in V; zero if none is subtracted.
+        """
+        if self._rotations is None:
+            return np.zeros((len(times_s), len(self._names)))
+        phase = self._phase_rad + self._angular_frequency * (times_s - self._phase_time_s)
+        return (np.exp(phase[:, None] * self._rotations) @ self._phasors).real
+
     def _start_block(self) -> None:
         """Start a block of samples without any."""
         self._count = 0

@@ -15,6 +15,8 @@ from pvdf_fem.inverse.tracking.signal.harmonic_windows import (
     square_abs,
 )
 
+#: Lower bound of the variance of a phasor in V².
+MIN_VARIANCE_V2 = 1e-24
 #: Largest change by one update, in standard deviations of the innovation; larger ones are clipped.
 MAX_INNOVATION = 3.0
 #: Innovations of two successive updates that exceed this number of standard deviations, and differ
@@ -191,7 +193,7 @@ class MainsOscillator:
         Returns
         -------
         float
-            Change of the phasors relative to their absolute values; 0 if no window counts.
+            Change of the phasors relative to their absolute values, at most 1; 0 if no window counts.
         """
         if combined.weights.sum(axis=0).max() < MIN_WINDOWS:
             return 0.0
@@ -206,9 +208,9 @@ class MainsOscillator:
         is_jump = self._detect_jump(innovation, combined)
         rotated = combined.phasors * self._update_phase(innovation, combined)
         self._update_phasors(rotated, combined.variance, is_jump)
-        change = (square_abs(innovation) / combined.variance).sum()
-        total = (square_abs(combined.phasors) / combined.variance).sum()
-        return math.sqrt(change / max(total, 1e-300))
+        change = float((square_abs(innovation) / combined.variance).sum())
+        total = float((square_abs(combined.phasors) / combined.variance).sum())
+        return math.sqrt(change / total) if change < total else 1.0
 
     def lose_phase(self) -> None:
         """Make the phase unknown, as after a step of the clock."""
@@ -291,7 +293,8 @@ class MainsOscillator:
         clipped = _clip(innovation, variance + self.variance)
         gain = self.variance / (self.variance + variance)
         self.phasors = np.where(is_jump, measured, self.phasors + gain * clipped)
-        self.variance = np.where(is_jump, variance, self.variance * (1.0 - gain))
+        updated = np.where(is_jump, variance, self.variance * (1.0 - gain))
+        self.variance = np.maximum(updated, MIN_VARIANCE_V2)
 
     def _change_frequency(self, step_rad_s: float) -> None:
         """Change the frequency within its limits, by an angular frequency in rad/s."""
