@@ -20,7 +20,6 @@ from pvdf_fem.readings.loggers.logger_reader import (
     SampleClock,
 )
 
-
 #: Largest number of blocks of a file. npTDMS reads a whole segment to return a part of it, and a
 #: file that was defragmented has one segment: 20 million samples of four channels take 314 s in
 #: blocks of 65,536 samples, and 34 s in 32 blocks.
