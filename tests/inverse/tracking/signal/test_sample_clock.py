@@ -335,9 +335,9 @@ def test_rows_that_are_missing_at_random_do_not_change_the_rate(seed, rate, jitt
     result = run(stamps)
     assert len(result.times) == len(true)
     errors = (result.times - true) * rate
-    # At 50 Hz, the kind of stamps is learned from 13 of them, which may look like jitter.
-    assert np.abs(errors).max() < (0.3 if jitter <= 0.02 else 2.0)
-    assert np.abs(errors[200:]).max() < 0.3
+    # Missing rows and jitter together may be taken for jitter until several reviews of the stamps.
+    assert np.abs(errors).max() < (0.3 if jitter <= 0.02 else 4.0)
+    assert np.abs(errors[1200:]).max() < 0.3
     if jitter <= 0.02:
         assert result.clock.interval_s == pytest.approx(1.0 / rate, rel=0.02)
 
@@ -495,3 +495,26 @@ def test_the_number_of_held_samples_is_bounded():
     for _ in range(options.max_learning_samples + 100):
         assert not clock.receive(1.0, np.zeros(1))
     assert clock.repairs[Repair.UNTIMED_ROW] == 100
+
+
+@pytest.mark.parametrize("delay", [0.015, 0.05])
+def test_stamps_that_are_delayed_and_catch_up_are_no_gaps(delay):
+    """A computer that is busy for a moment stamps the rows of its buffer late."""
+    true = np.arange(COUNT) / 1000.0
+    stamps = true.copy()
+    for place in (300, 800, 1300):
+        rows = np.arange(60)
+        stamps[place + rows] += np.maximum(delay - 0.0009 * rows, 0.0)
+    result = run(stamps)
+    assert np.abs(find_errors(result, true)).max() < 1.0
+    assert not result.count(ClockEvent.GAP)
+
+
+@pytest.mark.parametrize("rate", [900.0, 1000.0])
+def test_rounded_stamps_with_jitter_are_regressed_in_the_end(rate):
+    true = np.arange(3 * COUNT) / rate
+    jitter = 2e-4 * np.random.default_rng(5).standard_normal(len(true))
+    result = run(np.floor((true + jitter) * 1e3) / 1e3)
+    assert np.abs(find_errors(result, true)).max() < 2.0
+    assert result.clock.interval_s == pytest.approx(1.0 / rate, rel=2e-3)
+    assert result.count(ClockEvent.GAP) < 0.02 * len(true)

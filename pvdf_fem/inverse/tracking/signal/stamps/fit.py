@@ -16,6 +16,10 @@ LARGE_STEP = 10.0
 AGREEMENT = 0.1
 #: Fraction of steps that must agree for the median step to be the sampling interval.
 AGREEING_FRACTION = 0.6
+#: Fraction of steps that agree in chunks, whose stamps jitter as a whole.
+CHUNK_FRACTION = 0.85
+#: Smallest number of longer and of shorter steps that count as jitter, outside of chunks.
+MIN_MIXED_STEPS = 2
 #: Steps of bursts below this fraction of the interval count as repeated stamps.
 BURST_STEP = 0.2
 #: Smallest number of different stamps to fit.
@@ -63,6 +67,8 @@ class StampFit(NamedTuple):
     stamp_count: int
     #: Fraction of the steps that are one interval.
     agreement: float
+    #: Number of jumps forward, if none goes back.
+    gap_count: int = 0
 
 
 class _Segment(NamedTuple):
@@ -133,6 +139,7 @@ def fit_stamps(rows: Sequence[int], stamps: Sequence[float]) -> StampFit | None:
         band_s=band if kind is StampKind.JITTERED else 0.0,
         repeat_s=0.0 if heads is None else BURST_STEP * interval,
         stamp_count=len(longest.rows),
+        gap_count=_count_gaps(longest, interval),
         agreement=float(np.mean(np.abs(rates / interval - 1.0) <= AGREEMENT)),
     )
 
@@ -184,7 +191,12 @@ def _find_agreed_interval(segment: _Segment) -> float | None:
     multiples = np.round(rates / median)
     is_multiple = (np.abs(rates / median - multiples) <= AGREEMENT) & (multiples >= 1.0)
     has_gaps = np.mean(is_multiple) > MULTIPLE_FRACTION and np.mean(agree) > SINGLE_FRACTION
-    if not (has_gaps or np.mean(agree) >= AGREEING_FRACTION) or _is_rounded(segment, agree):
+    if not (has_gaps or np.mean(agree) >= AGREEING_FRACTION):
+        return None
+    long_count = np.count_nonzero(rates > (1.0 + JUMP) * median)
+    short_count = np.count_nonzero(rates < (1.0 - JUMP) * median)
+    is_mixed = min(long_count, short_count) >= MIN_MIXED_STEPS
+    if (is_mixed and np.mean(agree) < CHUNK_FRACTION) or _is_rounded(segment, agree):
         return None
     return float(np.sum(segment.time_steps[agree]) / np.sum(segment.row_steps[agree]))
 
@@ -294,11 +306,17 @@ def _split_at_gaps(segment: _Segment, interval: float) -> list[Array]:
     interval : float
         Sampling interval in s.
     """
-    parts = _split_at_jumps(segment, interval)
-    starts = np.array([part[0] for part in parts[1:]])
-    ends = np.array([part[-1] for part in parts[:-1]])
-    has_gaps_only = len(parts) <= MAX_GAPS + 1 and np.all(starts > ends)
-    return parts if has_gaps_only else [segment.stamps - interval * segment.rows]
+    if 0 < _count_gaps(segment, interval) <= MAX_GAPS:
+        return _split_at_jumps(segment, interval)
+    return [segment.stamps - interval * segment.rows]
+
+
+def _count_gaps(segment: _Segment, interval: float) -> int:
+    """Return the number of jumps of the deviations, or zero if one of them goes back."""
+    jumps = np.diff(segment.stamps - interval * segment.rows)
+    if np.any(jumps < -JUMP * interval):
+        return 0
+    return int(np.count_nonzero(jumps > JUMP * interval))
 
 
 def _measure_band(segment: _Segment, interval: float) -> float:

@@ -15,7 +15,7 @@ MAX_SURPRISES = 8
 #: A change of the kind needs this number of stamps, or so large a fraction of equal steps.
 MIN_RECENT = HISTORY // 2
 SURE_AGREEMENT = 0.9
-#: Largest number of rows after which streams that are not regular are examined again.
+#: Largest number of rows after which the kind of stamps is examined again.
 REVIEW_ROWS = 512
 #: Fraction by which a fitted interval differs if the sampling rate has changed.
 CHANGED_INTERVAL = 0.1
@@ -77,7 +77,7 @@ class StampHistory:
         """
         self._review_rows = min(2 * self._review_rows, REVIEW_ROWS)
         self._next_review = row + self._review_rows
-        if kind is StampKind.REGULAR or len(self._stamps) < HISTORY:
+        if len(self._stamps) < HISTORY:
             return None
         fit = self._fit(self._stamps)
         if fit is None or fit.kind is kind:

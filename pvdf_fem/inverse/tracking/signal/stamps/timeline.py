@@ -32,8 +32,12 @@ CHUNK_JITTER_ROWS = 4096
 #: jumps up to this multiple of the tolerance are jitter then, and no gaps.
 MIN_CHUNK_SIZE = 4.0
 MAX_CHUNK_SURPLUS = 2.0
-#: Largest band of jitter, in intervals, of stamps that may be regular again.
-MAX_BAND = 0.25
+#: Largest band of jitter, in intervals, of stamps that may be regular again, ...
+MAX_BAND = 0.1
+#: ... and smallest number of gaps among the last stamps that explain a larger one.
+MIN_GAPS = 5
+#: Rate of delayed stamps, relative to that of the samples, while they catch up.
+CATCH_UP_RATE = 0.9
 #: Jittered stamps beyond the tolerance, but within this multiple of it, widen the band.
 MAX_BAND_SURPLUS = 3.0
 #: Number of recent gaps into which a late row may belong.
@@ -158,8 +162,9 @@ class Timeline:
         if self._history.is_review_due(row):
             fit = self._history.review(row, base.kind)
             # The last stamps may be those of a single chunk.
-            if fit and fit.kind is StampKind.REGULAR and base.band_s > MAX_BAND * base.interval_s:
-                fit = None
+            is_within_chunk = base.band_s > MAX_BAND * base.interval_s
+            if fit and fit.kind is StampKind.REGULAR and fit.gap_count < MIN_GAPS:
+                fit = None if is_within_chunk else fit
         if fit is None and base.lag_count == base.max_lag_count:
             fit = self._history.find_lag(base.lag_count, base.interval_s)
         if fit:
@@ -256,6 +261,11 @@ class Timeline:
         for row, stamp in zip(self._held, self._read_held_stamps(), strict=True):
             if not math.isnan(stamp):
                 entries.append((row.number, stamp))
+        # Stamps that were delayed come faster until they are on time again.
+        steps = (len(entries) - 1) * self._base.interval_s
+        is_ahead = entries[0][1] > self._base.reference_s + self._base.interval_s
+        if is_ahead and 0.0 < entries[-1][1] - entries[0][1] < CATCH_UP_RATE * steps:
+            return False
         fit = self._history.find_change(entries, self._base.kind, self._base.interval_s)
         if fit:
             self._change_base(fit, first - 1)
