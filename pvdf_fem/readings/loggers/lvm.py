@@ -25,6 +25,8 @@ END_OF_HEADER = "***End_of_Header***"
 START_OF_TEXT = "***Start_Special***"  #: Begins texts of other programs, which are skipped.
 END_OF_TEXT = "***End_Special***"
 TIME_ADDRESS = "X_Value"  #: Heading of columns with times, and address of the channel of times.
+#: Beginnings of the first line of a segment.
+STARTS_OF_SEGMENT = ("Channels", TIME_ADDRESS, START_OF_TEXT)
 SEPARATORS = {"Tab": "\t", "Comma": ",", "Semicolon": ";"}
 #: Larger times are counted from 1904, as those of ``Time_Pref Absolute`` may be.
 ABSOLUTE_TIME_S = 1e9
@@ -80,8 +82,17 @@ class LvmReader(LoggerReader):
 
     @classmethod
     def is_recognised(cls, head: bytes) -> bool:
-        """Return whether a file begins with the name of the format."""
-        return head.removeprefix(codecs.BOM_UTF8).startswith(b"LabVIEW Measurement")
+        """Return whether a file begins with the name of the format, and goes on with a segment.
+
+        A table of another program may follow the header of a file; it is not LVM.
+        """
+        text = head.removeprefix(codecs.BOM_UTF8).decode("latin-1")
+        if not text.startswith("LabVIEW Measurement"):
+            return False
+        rest = text.partition(END_OF_HEADER)[2]
+        lines = [line.strip() for line in rest.splitlines() if line.strip()]
+        has_segment = not lines or lines[0].startswith(STARTS_OF_SEGMENT)
+        return has_segment or END_OF_HEADER in rest
 
     def list_channels(self) -> list[LoggerChannel]:
         """Return the channels of the first segment, with their units."""
