@@ -126,7 +126,7 @@ class LvmReader(LoggerReader):
     def read_columns(self, addresses: Sequence[str]) -> Iterator[list[Array]]:
         """Yield blocks of samples of several channels, see `LoggerReader.read_columns`.
 
-        The file can be read once. Each segment begins a block.
+        The file can be read only once. A new block begins at each segment.
         """
         segment: _Segment | None = self.first_segment
         while segment is not None:
@@ -148,9 +148,9 @@ class LvmReader(LoggerReader):
             segment = self._read_segment(next_header)
 
     def _read_segment(self, first_line: str) -> _Segment | None:
-        """Read the header of a segment and the headings; None at the end of the file.
+        """Read the header of a segment and its headings; return None at the end of the file.
 
-        A file without headers of segments has the headings only.
+        A file whose segments have no header has only the headings.
         """
         if not first_line:
             return None
@@ -223,7 +223,7 @@ class LvmReader(LoggerReader):
 
 
 def _is_text(cell: str) -> bool:
-    """Return whether the first cell of a line is a text, so that the line is one of a header."""
+    """Return whether the first cell of a line is a text, so that the line belongs to a header."""
     text = cell.strip().replace(",", ".")
     if not text:
         return False
@@ -255,7 +255,7 @@ def _read_lines(stream: BinaryIO) -> Iterator[str]:
 
 
 def _read_header(lines: Iterator[str], separator: str) -> dict[str, list[str]]:
-    """Read the lines of a header up to its end, and return their cells by their first cell."""
+    """Read a header to its end, and return the cells of each line by its first cell."""
     keys: dict[str, list[str]] = {}
     for line in lines:
         if line.startswith(END_OF_HEADER):

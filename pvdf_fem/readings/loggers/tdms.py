@@ -69,7 +69,7 @@ class TdmsReader(LoggerReader):
         return head[:4] == b"TDSm"
 
     def list_channels(self) -> list[LoggerChannel]:
-        """Return the channels with numbers or times, with unit and clock by their properties."""
+        """Return the channels with numbers or times; unit and clock come from their properties."""
         described = []
         for address, channel in self.channels.items():
             properties = channel.properties
