@@ -67,7 +67,7 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
     message = f"Standard deviations of the touch for readings with {100.0 * noise:g} % noise."
     if is_small:
         message += f" The ellipse is drawn {MAGNIFICATION} times as large."
-        ellipses = [_magnify(ellipse) for ellipse in ellipses]
+        ellipses = [_enlarge_ellipse(ellipse) for ellipse in ellipses]
     rows = []
     for key, value in values.items():
         rows.append((_format_key_name(scene, key), f"{value:.4g}", f"{deviations[key]:.2g}"))
@@ -78,7 +78,7 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
     }
 
 
-def _magnify(ellipse: Array) -> Array:
+def _enlarge_ellipse(ellipse: Array) -> Array:
     """Enlarge an ellipse by `MAGNIFICATION` about its centre.
 
     The last of its points must repeat the first one, since the centre is the mean of the others.

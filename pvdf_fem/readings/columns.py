@@ -126,7 +126,7 @@ def add_units(
 
 
 def find_column(columns: Sequence[Column], name: str, quantities: Collection[str]) -> int | None:
-    """Return the index of the column that a name means.
+    """Return the index of the column with a name.
 
     Parameters
     ----------

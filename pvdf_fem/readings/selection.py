@@ -323,7 +323,7 @@ class NumberColumns:
         return values
 
     def describe_words(self, row: Row, values: Iterable[float]) -> str:
-        """Return the words in place of numbers in a row, such as ``A is OVER, B is #DIV/0!``.
+        """Describe the words that a row has instead of numbers: ``A is OVER, B is #DIV/0!``.
 
         Parameters
         ----------
@@ -390,7 +390,7 @@ def _get_text(cell: Any) -> str:
 
 
 def _list_texts(cells: Iterable[Any]) -> list[str]:
-    """Return those of some cells that are texts."""
+    """Return the cells that are texts."""
     return [cell for cell in cells if isinstance(cell, str)]
 
 

@@ -15,6 +15,8 @@ TIME_NAMES = (
     *("date time", "date_time", "date/time", "elapsed", "elapsed time", "elapsed_time", "zeit"),
     *("x_value", "date"),
 )
+#: Smallest of the years with two digits that are in the 20th century, as POSIX has it.
+FIRST_YEAR_OF_CENTURY = 69
 SECONDS_PER_DAY = 86400.0
 
 _TIME_OF_DAY = (
@@ -147,7 +149,7 @@ def _count_days(text: str, mark: str) -> int:
             f"{text} has a day and a month, which may be exchanged; write the date as YYYY-MM-DD"
         )
     if year < 100:
-        year += 2000
+        year += 2000 if year < FIRST_YEAR_OF_CENTURY else 1900
     try:
         return date(year, month, day).toordinal()
     except ValueError:

@@ -37,7 +37,7 @@ class Contours:
 
     map: ChargeMap
 
-    def trace(self, name: str, charge_pC: float) -> shapely.Geometry:
+    def trace_contour(self, name: str, charge_pC: float) -> shapely.Geometry:
         """Return the contour of positions at which an electrode has a certain charge.
 
         Parameters
@@ -73,7 +73,7 @@ class Contours:
         dict of tuple of str to ndarray, shape (3, 2)
             Intersections in mm for every three electrodes whose contours intersect pairwise.
         """
-        lines = {name: self.trace(name, charge) for name, charge in charges_pC.items()}
+        lines = {name: self.trace_contour(name, charge) for name, charge in charges_pC.items()}
         max_gap = MAX_GAP * self.map.domain.reach_mm
         crossings = {}
         for first, second in combinations(lines, 2):

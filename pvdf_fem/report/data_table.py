@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -91,18 +91,7 @@ def read_data_table(
         quantity_column = choose_quantity(table, quantity)
         if quantity_column is not None:
             chosen[quantity] = quantity_column
-    numbers = NumberColumns(table, list(chosen.values()))
-    rows = [row for batch in table.batches for row in batch]
-    values = _read_numbers(numbers, rows)
-    names = {column.index: name for name, column in chosen.items()}
-    frame: dict[str, Any] = {}
-    for index, column in enumerate(table.columns):
-        if index in names:
-            position = list(chosen).index(names[index])
-            frame[names[index]] = values[:, position]
-        elif column.heading:
-            frame[column.heading] = _convert_cells(table, index, rows)
-    return pd.DataFrame(frame), unit
+    return _make_frame(table, chosen), unit
 
 
 def _choose_readings(
@@ -116,6 +105,32 @@ def _choose_readings(
     factor = convert_factor(UNITS[symbol], target)
     scaled = {name: replace(each, factor=factor * each.factor) for name, each in chosen.items()}
     return scaled, target.symbol
+
+
+def _make_frame(table: Table, chosen: Mapping[str, ChosenColumn]) -> pd.DataFrame:
+    """Read all rows of a table.
+
+    Parameters
+    ----------
+    table : Table
+        The table.
+    chosen : mapping of str to ChosenColumn
+        Columns of numbers, by their names in the result. Other columns keep their headings.
+    """
+    numbers = NumberColumns(table, list(chosen.values()))
+    rows: list[Row] = []
+    for batch in table.batches:
+        rows += batch
+    values = _read_numbers(numbers, rows)
+    names = {column.index: name for name, column in chosen.items()}
+    columns: dict[str, Any] = dict(zip(chosen, values.T, strict=True))
+    frame: dict[str, Any] = {}
+    for index, column in enumerate(table.columns):
+        if index in names:
+            frame[names[index]] = columns[names[index]]
+        elif column.heading:
+            frame[column.heading] = _convert_cells(table, index, rows)
+    return pd.DataFrame(frame)
 
 
 def _is_key(column: Column) -> bool:

@@ -336,6 +336,11 @@ def test_a_dataset_can_be_located(folder, made_up_responses, command):
     assert {"charge_pC.A", "model_error_pC.D"} < rows[0].keys()
 
 
+def test_a_table_below_the_header_of_a_labview_file_is_no_lvm_file(run):
+    header = "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\n"
+    assert_touches(rows_of(run(header + table(), "--quick").out))
+
+
 CELLS = ("name;A;B;C;D;rotation_deg", "a;1.041;2.041;3.041;4.041;5", "b;nan;1;1;1;0")
 
 

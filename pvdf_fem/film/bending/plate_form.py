@@ -151,7 +151,7 @@ def make_bending_form(
         (double, 0.0),
     )
     for sides, tension in groups:
-        joined = edges.join(sides, tension)
+        joined = edges.join_sides(sides, tension)
         functions = joined.slope_jump.shape[-1]
         nodes = space.nodes[sides % mesh.nelements].reshape(len(sides), functions)
         strains.append(_assemble_rows(nodes, joined.slope_jump, dof_count))
@@ -293,7 +293,7 @@ class _EdgeValues:
             penalty=np.concatenate([edge.penalty for edge in edges]),
         )
 
-    def join(self, sides: Indices, tension: float) -> _JoinedEdges:
+    def join_sides(self, sides: Indices, tension: float) -> _JoinedEdges:
         """Combine the values on the sides of edges into slope jumps, mean moments and penalties.
 
         D_nn and the quadrature weights of an edge are those of its first side.

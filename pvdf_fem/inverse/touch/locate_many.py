@@ -102,6 +102,7 @@ def locate_many(
     response = as_response(response)
     columns = _read_columns(response, readings)
     calibrated = coerce("calibrated", calibrated, bool)
+    limits = coerce("limits", limits, dict[str, tuple[float, float]] | None)
     if unit is None:
         unit = get_reading_unit(response.scene)
     errors = list(

@@ -14,7 +14,7 @@ MAX_LISTED = 24
 
 
 def parse_channel_choice(text: str) -> dict[str, str]:
-    """Parse the names of channels by electrodes.
+    """Parse a choice of channels, and return their names by electrode.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def find_channel(reader: LoggerReader, address: str) -> LoggerChannel:
 
 
 def has_channel(reader: LoggerReader, name: str) -> bool:
-    """Return whether a file has one or several channels with a name."""
+    """Return whether a file has at least one channel with a name."""
     return any(_has_name(channel, name) for channel in reader.list_channels())
 
 
@@ -143,7 +143,7 @@ def _choose_by_number(
 
 
 def _list_channels(channels: Sequence[LoggerChannel]) -> str:
-    """Return the words of a message about the channels that a file has."""
+    """Describe the channels that a file has, for an error message."""
     if not channels:
         return "it has no channels with numbers"
     listed = []
@@ -155,7 +155,7 @@ def _list_channels(channels: Sequence[LoggerChannel]) -> str:
 
 
 def _suggest_choice(channels: Sequence[LoggerChannel], electrodes: Sequence[str]) -> str:
-    """Return a choice that could be typed, with channels in the order of the file."""
+    """Return an example of a choice to type, with channels in the order of the file."""
     candidates = [channel for channel in channels if not channel.is_time]
     pairs = zip(electrodes, candidates, strict=False)
     listed = ",".join(f"{name}={channel.address}" for name, channel in pairs)

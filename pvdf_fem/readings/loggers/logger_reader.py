@@ -58,7 +58,7 @@ class LoggerChannel:
 
     @property
     def is_time(self) -> bool:
-        """Whether the channel is named like times, as in ``t_s`` or ``Time (ms)``."""
+        """Whether the channel has the name of a time, such as ``t_s`` or ``Time (ms)``."""
         return self.column.name.casefold() in TIME_NAMES
 
 
@@ -93,7 +93,7 @@ class LoggerReader(ABC):
     @classmethod
     @abstractmethod
     def is_recognised(cls, head: bytes) -> bool:
-        """Return whether a file with these first bytes has this format."""
+        """Return whether a file that begins with these bytes has this format."""
 
     @abstractmethod
     def list_channels(self) -> list[LoggerChannel]:
@@ -142,5 +142,5 @@ class LoggerReader(ABC):
             raise FileError(f"{self.path}: {reason}; {advice}") from None
 
     def make_error(self, reason: str) -> FileError:
-        """Return an error about the file."""
+        """Make an error about the file."""
         return FileError(f"{self.path}: {reason}")

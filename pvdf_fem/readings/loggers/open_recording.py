@@ -30,7 +30,7 @@ SAME_INTERVAL = 1e-9
 
 @dataclass(frozen=True)
 class RecordingOptions:
-    """What a file does not tell about a recording.
+    """Properties of a recording that its file does not contain.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def open_recording(
 def _find_scales(
     reader: LoggerReader, chosen: Mapping[str, LoggerChannel], options: RecordingOptions
 ) -> Array:
-    """Return the factors of the samples of each channel: full scales in V, or 1."""
+    """Return the factor of the samples of each channel: its full scale in V, or 1."""
     if not reader.has_fractions:
         return np.ones(len(chosen))
     missing = [name for name in chosen if name not in options.full_scale_V]
@@ -179,7 +179,7 @@ def _find_clock(
 
 
 def _compute_delay(first: SampleClock, other: SampleClock) -> float:
-    """Return by how many seconds the first sample of another clock is later."""
+    """Return how many seconds later the first sample of another clock is."""
     delay_s = other.first_s - first.first_s
     if first.start is not None and other.start is not None:
         delay_s += (other.start - first.start).total_seconds()

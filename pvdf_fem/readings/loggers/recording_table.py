@@ -1,4 +1,4 @@
-"""The recording of a logger as a table, which commands read like one in text."""
+"""The recording of a logger as a table, which commands read like a table in a text file."""
 
 from __future__ import annotations
 

@@ -164,7 +164,7 @@ class _RowParser:
         return rows
 
     def _describe_defect(self, cells: list[str]) -> str:
-        """Return the reason why a row has too few or too many cells; an empty text if it has not.
+        """Say whether a row has too few or too many cells; return an empty text if neither.
 
         The cells are those without empty ones at the end.
         """

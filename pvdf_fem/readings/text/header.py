@@ -201,7 +201,7 @@ class HeaderSearch:
         return sorted(reversed(self.candidates), key=lambda each: -len(each.wanted))
 
     def _make_candidate(self, line: str) -> _Candidate | None:
-        """Return a line as a candidate for the header; None if it is none."""
+        """Make a candidate for the header from a line; return None if it cannot be one."""
         text = find_comment_text(line)
         text = line if text is None else text
         best: _Candidate | None = None
@@ -247,7 +247,7 @@ class HeaderSearch:
         return Header(columns, separator, needed)
 
     def _is_row_of_numbers(self, line: str) -> bool:
-        """Return whether a line has nothing but numbers between some separator."""
+        """Return whether a line has only numbers, for any of the separators."""
         splits = [split_cells(line, separator) for separator in self.separators]
         return any(_has_only_numbers(cells) for cells in splits)
 

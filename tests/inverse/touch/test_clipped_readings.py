@@ -10,7 +10,11 @@ from scipy.stats import norm
 
 from pvdf_fem.inverse.touch import locate as locate_module
 from pvdf_fem.inverse.touch import locate_many as locate_many_module
-from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES
+from pvdf_fem.inverse.touch.measurement import Measurement
+from pvdf_fem.inverse.touch.search import search_rows
+from pvdf_fem.inverse.touch.touch import TouchStatus
+from pvdf_fem.inverse.touch.touches import Touches
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 from tests.helpers.bump_response import draw_uniform_touches, make_bump_response, read_charges
 
 locate = partial(locate_module.locate, unit="pC")
@@ -216,3 +220,24 @@ def test_unknown_quantities_of_solves_are_located_beside_a_clipped_reading():
     assert location.clipped == ("B",)
     nearest = min(np.abs(each.values - touch).max() for each in location.touches)
     assert nearest < 0.05
+
+
+def test_rows_without_a_touch_do_not_shift_the_degrees_of_freedom():
+    """The second of three rows has a clipped reading, and thus none; the first is abandoned."""
+    response = make_response()
+    charges = np.tile(response.evaluate(TOUCH[None])[0], (3, 1))
+    end = charges[0, 0] - 50.0
+    charges[1, 0] = end
+    response = make_response(range_V={"A": [-5.0, end / 1e3]})
+    charges[[0, 2], 0] -= 60.0
+    measurement = Measurement.from_response(response, "ABCD", 0.01, None, "total")
+    problem = measurement.make_problem(charges, np.array(POSITION_AND_FORCE))
+    assert problem.degrees_of_freedom.tolist() == [1, 0, 1]
+    fixed = {TouchColumn.ROTATION: np.zeros(3)}
+    ends = search_rows(problem, fixed, count=1)
+    ends.converged[0] = False
+    status = np.full(3, TouchStatus.LOCATED, dtype=object)
+    touches = Touches.make_empty(status, ("x_mm", "y_mm", "force_N"), "total")
+    touches.store(np.arange(3), problem, ends)
+    assert touches.status[0] == "no_touch_found"
+    assert np.isfinite(touches.p_value).tolist() == [False, False, True]

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.inverse.tracking.signal.harmonic_windows import Phasors, square_abs
-from pvdf_fem.inverse.tracking.signal.hum_follower import (
+from pvdf_fem.inverse.tracking.signal.hum.harmonic_windows import Phasors, square_abs
+from pvdf_fem.inverse.tracking.signal.hum.hum_follower import (
     HumFollower,
     HumState,
     MainsHumOptions,
@@ -94,6 +94,11 @@ class MainsHum:
         self._phase_rad = 0.0
         self._phase_time_s = 0.0
         self._angular_frequency = 0.0
+
+    @property
+    def is_learned(self) -> bool:
+        """Whether `subtract` follows the hum, or looks for one that begins."""
+        return self._block_samples > 0
 
     @property
     def is_active(self) -> bool:

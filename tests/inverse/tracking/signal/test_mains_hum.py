@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from pvdf_fem.inverse.tracking.signal.hum_follower import MainsHumOptions
+from pvdf_fem.inverse.tracking.signal.hum.hum_follower import MainsHumOptions
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
 
 #: Shares of a touch that the four channels see, in V, and of hum.

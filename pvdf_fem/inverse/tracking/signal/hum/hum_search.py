@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.inverse.tracking.signal.harmonic_windows import (
+from pvdf_fem.inverse.tracking.signal.hum.harmonic_windows import (
     CombinedPhasors,
     WindowFits,
     WindowPlan,
@@ -18,7 +18,7 @@ from pvdf_fem.inverse.tracking.signal.harmonic_windows import (
     fit_windows,
     square_abs,
 )
-from pvdf_fem.inverse.tracking.signal.mains_oscillator import MainsOscillator, OscillatorDrift
+from pvdf_fem.inverse.tracking.signal.hum.mains_oscillator import MainsOscillator, OscillatorDrift
 
 #: Lower bound of the variance of a voltage in V², and relative to that of the noisiest channel, so
 #: that a channel that was constant for a while recovers.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.inverse.tracking.signal.harmonic_windows import (
+from pvdf_fem.inverse.tracking.signal.hum.harmonic_windows import (
     CombinedPhasors,
     Phasors,
     WindowFits,

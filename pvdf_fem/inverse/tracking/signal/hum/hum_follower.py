@@ -9,14 +9,14 @@ from enum import Enum, auto
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.inverse.tracking.signal.harmonic_windows import (
+from pvdf_fem.inverse.tracking.signal.hum.harmonic_windows import (
     CombinedPhasors,
     WindowFits,
     WindowPlan,
     combine_windows,
     square_abs,
 )
-from pvdf_fem.inverse.tracking.signal.hum_search import (
+from pvdf_fem.inverse.tracking.signal.hum.hum_search import (
     MIN_AGREEING_FRACTION,
     HumSearch,
     bound_variance,
@@ -25,7 +25,7 @@ from pvdf_fem.inverse.tracking.signal.hum_search import (
     fit_block,
     search_hum,
 )
-from pvdf_fem.inverse.tracking.signal.mains_oscillator import MainsOscillator, OscillatorDrift
+from pvdf_fem.inverse.tracking.signal.hum.mains_oscillator import MainsOscillator, OscillatorDrift
 
 #: Factors by which the variance of the noise falls and grows at most from block to block.
 VARIANCE_FALL = 0.8
