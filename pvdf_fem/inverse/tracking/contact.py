@@ -15,6 +15,9 @@ from pvdf_fem.inverse.tracking.signal.baseline import BaselineSnapshot
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.surrogate.touch_domain import TouchColumn
 
+#: Number of samples after which the errors of an explained contact are checked again.
+LOST_CHECK_SAMPLES = 32
+
 
 class ContactLocator:
     """Estimates the position and the force of a contact while its charges change.
@@ -232,7 +235,8 @@ class Contact:
         """
         if not self.is_explained:
             return self.duration_s > self.options.patience_s
-        if self.duration_s <= self.options.memory_s:
+        is_due = len(self.record) % LOST_CHECK_SAMPLES == 0
+        if not is_due or self.duration_s <= self.options.memory_s:
             return False
         return self.record.relative_error > self.options.max_relative_error
 

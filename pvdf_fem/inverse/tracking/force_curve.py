@@ -17,7 +17,9 @@ POINT_COUNT = 129
 MAX_STEPS = 8
 #: Largest Gauss-Newton step of the logarithm of the force.
 MAX_LOG_STEP = 1.0
-#: The fit has converged when a step is smaller than this fraction of the standard deviation.
+#: The fit has converged when a step of the logarithm is smaller than this number, whose square is
+#: far below the errors of a force, or than this fraction of the standard deviation.
+SMALL_LOG_STEP = 0.01
 STEP_TOLERANCE = 0.05
 
 
@@ -92,7 +94,8 @@ class ForceCurve:
             end = min(max(log_force + step, self._lowest), self._highest)
             step = end - log_force
             log_force = end
-            if abs(step) * math.sqrt(curvature) < STEP_TOLERANCE:
+            size = abs(step)
+            if size < SMALL_LOG_STEP or size * math.sqrt(curvature) < STEP_TOLERANCE:
                 # The chi-square falls by the product of gradient and step to first order.
                 chi_square = max(chi_square - gradient * step, 0.0)
                 break

@@ -61,7 +61,15 @@ class FilteredSample(NamedTuple):
     @property
     def has_no_reading(self) -> bool:
         """Whether all voltages are missing."""
-        return all(voltage != voltage for voltage in self.voltages)  # NaN
+        first = self.voltages[0]
+        if first == first:  # not NaN
+            return False
+        return all(map(math.isnan, self.voltages))
+
+    @property
+    def has_missing(self) -> bool:
+        """Whether a voltage is missing."""
+        return math.isnan(sum(self.voltages))
 
 
 class ChannelFilter:

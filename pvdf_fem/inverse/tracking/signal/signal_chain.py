@@ -89,8 +89,8 @@ class SignalChain:
         """Return a sample without the mains hum, if it has been learned."""
         if not self.hum.is_learned:
             return sample
-        voltages = np.array(sample.voltages)
-        cleaned = self.hum.subtract(sample.time_s, voltages)
-        if cleaned is voltages:
+        if not self.hum.is_active:
+            self.hum.observe(sample.time_s, sample.voltages)
             return sample
+        cleaned = self.hum.subtract(sample.time_s, np.array(sample.voltages))
         return sample._replace(voltages=cleaned.tolist())
