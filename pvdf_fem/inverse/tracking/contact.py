@@ -17,6 +17,8 @@ from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 #: Number of samples after which the errors of an explained contact are checked again.
 LOST_CHECK_SAMPLES = 32
+#: Number of samples after which steps of single channels are looked for again.
+STEP_CHECK_SAMPLES = 8
 
 
 class ContactLocator:
@@ -184,6 +186,12 @@ class Contact:
         self.was_missing[number] = True
         self.record.exclude_channel(number)
 
+    def find_stepped_channel(self) -> int | None:
+        """Return the channel whose voltage alone has stepped, or None; it is looked for rarely."""
+        if len(self.record) % STEP_CHECK_SAMPLES:
+            return None
+        return self.record.find_stepped_channel()
+
     @property
     def duration_s(self) -> float:
         """Time since the onset in s."""
@@ -228,13 +236,10 @@ class Contact:
 
     @property
     def is_lost(self) -> bool:
-        """Whether a long contact is still not explained, or its errors exceed the allowed fraction.
+        """Whether the errors of a long contact exceed the allowed fraction of its charges.
 
-        A contact that no touch explains is long after `TrackOptions.patience_s`, and one that is
-        explained after `TrackOptions.memory_s`.
+        A contact is long after `TrackOptions.memory_s`.
         """
-        if not self.is_explained:
-            return self.duration_s > self.options.patience_s
         is_due = len(self.record) % LOST_CHECK_SAMPLES == 0
         if not is_due or self.duration_s <= self.options.memory_s:
             return False

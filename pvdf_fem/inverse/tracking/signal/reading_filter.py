@@ -58,6 +58,11 @@ class FilteredSample(NamedTuple):
     is_clipped: list[bool]  #: Whether the voltage is only a limit of the true one.
     follows_pause: bool = False  #: Whether readings or times were missing before this sample.
 
+    def remove_voltage(self, number: int) -> None:
+        """Let the voltage of a channel be missing."""
+        self.voltages[number] = math.nan
+        self.is_clipped[number] = False
+
     @property
     def has_no_reading(self) -> bool:
         """Whether all voltages are missing."""
@@ -87,7 +92,8 @@ class ChannelFilter:
         # Rounding must not lift a clipped voltage over its limit.
         span_V = high_V - low_V
         margin_V = 1e-9 * span_V if math.isfinite(span_V) else 0.0
-        self._range = (low_V + margin_V, high_V - margin_V)
+        lowest_V = max(low_V + margin_V, -MAX_VOLTAGE_V)
+        self._range = (lowest_V, min(high_V - margin_V, MAX_VOLTAGE_V))
         self.low_V, self.high_V = self._range
         self._baseline = baseline
         self._last_V = math.nan
@@ -264,7 +270,7 @@ class SpikeFilter:
             limit = SPIKE_DEVIATIONS * channel.noise_V + SPIKE_MULTIPLE * self._recent[number]
             for sample in self._held:
                 if abs(sample.voltages[number] - self._last[number]) > limit:
-                    sample.voltages[number] = math.nan
+                    sample.remove_voltage(number)
                     self.spike_counts[number] += 1
 
     def _accept(self, sample: FilteredSample) -> None:
@@ -358,7 +364,7 @@ class ReadingFilter:
         """Make the equal readings of a frozen channel missing in the samples that are held back."""
         first = max(len(self.spikes.held) - repeat_count + 1, 0)
         for sample in self.spikes.held[first:]:
-            sample.voltages[number] = math.nan
+            sample.remove_voltage(number)
 
     def describe(self, names: Sequence[str]) -> list[str]:
         """Return a sentence for each kind of readings that were no values.

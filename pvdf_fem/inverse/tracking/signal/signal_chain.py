@@ -43,6 +43,16 @@ class SignalChain:
         """Sampling interval in s; infinite until it has been learned."""
         return self.clock.interval_s
 
+    def describe(self, names: Sequence[str]) -> list[str]:
+        """Return a sentence for each kind of fault that was found and repaired.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Names of the channels.
+        """
+        return [*self.clock.notes, *self.hum.notes, *self.filter.describe(names)]
+
     def receive(self, stamp_s: float, voltages: Sequence[float]) -> list[FilteredSample]:
         """Receive the next sample, and return the samples that are decided.
 
