@@ -209,9 +209,7 @@ class Tracker:
         for sample in self._signal.flush():
             self._process(sample)
         if self._contact:
-            if self._contact.is_significant:
-                number = len(self.touches) + 1
-                self._notes.add(f"touch {number} had not ended when the readings ended")
+            self._notes.add("a contact had not ended when the readings ended")
             self._finish_contact(self._contact, TrackStatus.LOST)
         if self._settling:
             self._finish_settling(self._settling)

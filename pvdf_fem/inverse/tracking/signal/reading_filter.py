@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from enum import IntEnum, auto
+from itertools import pairwise
 from typing import NamedTuple
 
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
@@ -27,6 +28,8 @@ MIN_CLIPPED_DEVIATIONS = 20.0
 #: recent differences, may be a spike. Steep flanks of touches are passed on by the multiple.
 SPIKE_DEVIATIONS = 10.0
 SPIKE_MULTIPLE = 6.0
+#: In a flank, a spike deviates by a larger multiple of the difference of the voltages around it.
+FLANK_MULTIPLE = 3.0
 RECENT_DECAY = 0.8  #: Factor per sample by which recent differences are forgotten.
 #: Longest spike: this time in s, but at least `MIN_SPIKE_SAMPLES`.
 MAX_SPIKE_S = 5e-3
@@ -238,7 +241,10 @@ class SpikeFilter:
             self._remove_spikes()
             return self.flush()
         longest = max(MIN_SPIKE_SAMPLES, round(MAX_SPIKE_S / interval_s))
-        return self.flush() if len(self._held) > longest else []
+        if len(self._held) <= longest:
+            return []
+        self._remove_spikes_in_flank()
+        return self.flush()
 
     def add_counts(self, counts: Sequence[int]) -> None:
         """Add numbers of spikes, by channel, that were found while the baseline was learned."""
@@ -272,6 +278,23 @@ class SpikeFilter:
                 if abs(sample.voltages[number] - self._last[number]) > limit:
                     sample.remove_voltage(number)
                     self.spike_counts[number] += 1
+
+    def _remove_spikes_in_flank(self) -> None:
+        """Remove single voltages from held samples that are far from those before and after.
+
+        The held samples are the flank of a touch, which has hidden such spikes.
+        """
+        for number, channel in enumerate(self._channels):
+            before = self._last[number]
+            for sample, following in pairwise(self._held):
+                voltage = sample.voltages[number]
+                after = following.voltages[number]
+                limit = SPIKE_DEVIATIONS * channel.noise_V + FLANK_MULTIPLE * abs(after - before)
+                if abs(voltage - (before + after) / 2.0) > limit:
+                    sample.remove_voltage(number)
+                    self.spike_counts[number] += 1
+                elif not math.isnan(voltage):
+                    before = voltage
 
     def _accept(self, sample: FilteredSample) -> None:
         """Take the voltages of a sample as the last ones."""
