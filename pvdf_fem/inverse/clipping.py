@@ -63,7 +63,7 @@ class ReadingLimits(NamedTuple):
         return is_high.astype(int) - is_low.astype(int)
 
     def replace_clipped(self, readings: Array, sides: Indices) -> Array:
-        """Return readings with the limits in place of clipped ones; arguments as in `find_sides`."""
+        """Return readings with the limits in place of clipped ones; see `find_sides`."""
         limited = np.where(sides > 0, self.high, readings)
         return np.where(sides < 0, self.low, limited)
 
