@@ -190,7 +190,7 @@ class _UnitTest:
         return [by_name[name] for name in self.names]
 
     def _make_measurement(self, unit: str) -> Measurement:
-        """Describe how the electrodes are read, if the readings are in a unit."""
+        """Describe how the electrodes are read, if the readings are in the given unit."""
         noise_pC = None
         if self.noise is not None:
             sizes_pC = get_units_pC(self.response.scene, unit)
@@ -200,7 +200,7 @@ class _UnitTest:
         )
 
     def _count_explained(self, unit: str) -> int:
-        """Count the rows that a touch explains if the readings are in a unit."""
+        """Count the rows that a touch explains if the readings are in the given unit."""
         unknown = [i for i in range(len(TOUCH_QUANTITIES)) if i not in self.known]
         readings_pC = self.readings * list_units_pC(self.channels)[unit]
         problem = self._make_measurement(unit).make_problem(readings_pC, np.array(unknown))
@@ -220,7 +220,7 @@ class _UnitTest:
         return float(sizes.min()) / RANGE_MARGIN, float(sizes.max()) * RANGE_MARGIN
 
     def _count_possible(self, unit: str) -> int:
-        """Count the rows whose size is possible if the readings are in a unit."""
+        """Count the rows whose size is possible if the readings are in the given unit."""
         readings_pC = self.readings * list_units_pC(self.channels)[unit]
         sizes = np.linalg.norm(self._make_measurement(unit).to_signals(readings_pC), axis=1)
         lowest, highest = self._size_range_pC
