@@ -104,7 +104,7 @@ def find_other_unit(
     rotations_deg: Array | None = None,
     forces_N: Array | None = None,
 ) -> OtherUnit | None:
-    """Find the unit in which touches explain readings, if it is clearly not the one of the user.
+    """Find the unit in which touches explain readings, if it is clearly not the given one.
 
     Parameters
     ----------
@@ -125,9 +125,9 @@ def find_other_unit(
     Returns
     -------
     OtherUnit or None
-        None unless other units are clear: each explains at least half of the rows, and ten times
-        as many as `unit`; or no unit explains any row, as if channels were swapped, and the sizes of
-        all readings are possible in the other unit, pC or V, and of none in `unit`.
+        The units that explain at least half of the rows, and more than ten times as many as `unit`.
+        If no unit explains any row, for example because channels are swapped, pC or V if the sizes
+        of all readings are possible in it but of none in `unit`. Otherwise None.
     """
     known: dict[int, Array] = {}
     if rotations_deg is not None:

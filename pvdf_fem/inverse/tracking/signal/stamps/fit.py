@@ -30,6 +30,9 @@ MIN_LONG_STEPS = 5
 MAX_ROUNDING = 1.1
 #: Smallest number of steps backward that count as jitter and not as single faults.
 MIN_BACKWARD_STEPS = 3
+#: Largest ratio of the variances of residuals and steps of jitter, which is a half for white jitter
+#: and infinitely many stamps. Increasing stamps that are trusted by mistake do little harm.
+JITTER_GROWTH = 0.75
 #: Smallest number of rows between jumps that makes them jitter of chunks and not single faults.
 MIN_CHUNK = 3
 #: Jump of the deviations, in intervals, that separates chunks, and largest number of those that are
@@ -187,7 +190,7 @@ def _find_agreed_interval(segment: _Segment) -> float | None:
     median = np.median(rates)
     if median <= 0.0:
         return None
-    agree = np.abs(rates - median) <= AGREEMENT * median
+    agree = _select_agreeing_steps(segment)
     multiples = np.round(rates / median)
     is_multiple = (np.abs(rates / median - multiples) <= AGREEMENT) & (multiples >= 1.0)
     has_gaps = np.mean(is_multiple) > MULTIPLE_FRACTION and np.mean(agree) > SINGLE_FRACTION
@@ -199,6 +202,13 @@ def _find_agreed_interval(segment: _Segment) -> float | None:
     if (is_mixed and np.mean(agree) < CHUNK_FRACTION) or _is_rounded(segment, agree):
         return None
     return float(np.sum(segment.time_steps[agree]) / np.sum(segment.row_steps[agree]))
+
+
+def _select_agreeing_steps(segment: _Segment) -> Mask:
+    """Return whether each step, for each row, agrees with the median one."""
+    rates = segment.time_steps / segment.row_steps
+    median = np.median(rates)
+    return np.asarray(np.abs(rates - median) <= AGREEMENT * np.abs(median))
 
 
 def _is_rounded(segment: _Segment, agree: Mask) -> bool:
@@ -218,6 +228,8 @@ def _is_rounded(segment: _Segment, agree: Mask) -> bool:
     distances of long steps differ by at most one row. Missing rows make the deviations a random
     walk.
     """
+    if not np.any(agree):
+        return False
     excess = segment.time_steps[~agree] - np.median(segment.time_steps[agree])
     if excess.size < MIN_LONG_STEPS or np.any(segment.row_steps > 1) or np.any(excess <= 0.0):
         return False
@@ -257,13 +269,11 @@ def _classify(segment: _Segment, interval: float, steps_agree: bool) -> StampKin
         if is_disordered and not _is_cured_by_sorting(segment, interval):
             return StampKind.JITTERED
         return StampKind.REGULAR
-    if backward_count:
+    if backward_count or _is_rounded(segment, _select_agreeing_steps(segment)):
         return StampKind.JITTERED
     residuals = segment.stamps - interval * segment.rows
     growth = np.var(residuals) / np.var(steps - interval * segment.row_steps)
-    # Geometric mean of the two expected values.
-    threshold = np.sqrt(0.5 * len(segment.rows) / 15.0)
-    return StampKind.IRREGULAR if growth > threshold else StampKind.JITTERED
+    return StampKind.IRREGULAR if growth > JITTER_GROWTH else StampKind.JITTERED
 
 
 def _is_cured_by_sorting(segment: _Segment, interval: float) -> bool:
