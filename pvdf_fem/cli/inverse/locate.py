@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from pvdf_fem.cli.inverse.calibration_option import add_calibration_option
 from pvdf_fem.cli.inverse.locate_request import UNKNOWN_HELP, Request, require_locatable
 from pvdf_fem.cli.inverse.unit_option import add_unit_option, choose_unit
 from pvdf_fem.cli.options import (
@@ -144,6 +145,7 @@ def add_parser(commands: Any) -> None:
         help="another scene, with another probe, that may have given the charges; all are "
         "compared by likelihood. May be repeated",
     )
+    add_calibration_option(parser)
     add_response_options(parser)
     add_plot(parser, "the likelihood of the touch by position")
 
@@ -232,6 +234,7 @@ def _rank_probe_matches(scenes: Mapping[str, Scene], request: Request) -> tuple[
         "noise_pC": request.noise_pC(sensor),
         "unknown": request.unknown,
         "reading": request.reading,
+        "include_calibration": request.include_calibration,
     }
     if request.needs_solves:
         location = locate(
@@ -251,7 +254,9 @@ def _rank_probe_matches(scenes: Mapping[str, Scene], request: Request) -> tuple[
     require_locatable(scenes, request, request.readings_pC(sensor), known)
     # build all responses first, so that no build can fail after a search
     responses = {
-        name: load_or_build_response(scene, name, request.response)
+        name: load_or_build_response(
+            scene, name, request.response, with_sensitivities=request.include_calibration
+        )
         for name, scene in scenes.items()
     }
     request = _settle_unit(request, responses[file], known)

@@ -149,7 +149,12 @@ class _RowLocator:
         any_charge_pC = np.pi  # only a placeholder, since each row is checked later
         readings_pC = dict.fromkeys(self.electrodes, any_charge_pC)
         require_locatable({options.scene: scene}, self.request, readings_pC, self.known)
-        self.response = load_or_build_response(scene, options.scene, request.response)
+        self.response = load_or_build_response(
+            scene,
+            options.scene,
+            request.response,
+            with_sensitivities=request.include_calibration,
+        )
         #: Lowest and highest readings at which channels have turned out to clip.
         self.limits: dict[str, tuple[float, float]] = {}
         self._is_unit_settled = False
@@ -181,7 +186,7 @@ class _RowLocator:
         )
         self.request = replace(self.request, unit=self.unit)
 
-    def _collect_known(self, numbers: Mapping[str, Array]) -> dict[str, Array]:
+    def _collect_known(self, numbers: Mapping[str, Array]) -> dict[str, Any]:
         """Collect the known quantities of some rows, by the arguments of `locate_many`."""
         known = {}
         row_count = len(numbers[self.electrodes[0]])
@@ -243,6 +248,7 @@ class _RowLocator:
             reading=self.request.reading,
             unit=self.unit,
             limits=self.limits,
+            include_calibration=self.request.include_calibration,
             calibrated=not self.is_quick,
             **self._collect_known(numbers),
         )

@@ -54,6 +54,7 @@ def locate(
     reading: str | None = None,
     unit: str | None = None,
     touches: int = 1,
+    include_calibration: bool = True,
     options: LocateOptions = DEFAULT_OPTIONS,
     progress: Progress | bool | None = None,
 ) -> Location:
@@ -88,6 +89,10 @@ def locate(
         the channel's capacitance in pF.
     touches : int
         Number of probes that touch at once, 1 or 2; 2 requires a scene.
+    include_calibration : bool
+        Whether standard deviations include the errors that the calibration of the sensor has left,
+        of the scene's ``[calibration]``. They are the same for all touches, so that averaging does
+        not reduce them.
     options : LocateOptions
         Numbers and tolerances of the search.
     progress : callable or bool, optional
@@ -130,6 +135,7 @@ def locate(
         unit=unit,
         unknown=unknown,
         touches=touches,
+        include_calibration=coerce("include_calibration", include_calibration, bool),
         options=options,
     )
     if charge_function is not None:
@@ -150,6 +156,7 @@ class _Request:
     unit: str
     unknown: Sequence[str]
     touches: int
+    include_calibration: bool
     options: LocateOptions
 
     def find_errors(
@@ -175,6 +182,7 @@ class _Request:
             noise_pC=self.noise_pC,
             reading=self.reading,
             unit=self.unit,
+            include_calibration=self.include_calibration,
         )
 
     @property

@@ -49,6 +49,7 @@ def locate_many(
     reading: str | None = None,
     unit: str | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
+    include_calibration: bool = True,
     calibrated: bool = False,
 ) -> Touches:
     """Find the most likely touch for each of many rows of readings.
@@ -72,6 +73,10 @@ def locate_many(
         Lowest and highest reading by electrode in `unit`, at which readings are clipped, besides
         the range of the readout. By default plateaus in `readings`, see
         `pvdf_fem.inverse.clipping.find_plateaus`.
+    include_calibration : bool
+        Whether standard deviations include the errors that the calibration of the sensor has left,
+        of the scene's ``[calibration]``. They are the same for all touches, so that averaging does
+        not reduce them.
     calibrated : bool
         Whether to find all likely touches of each row, and to compute `Touches.deviations` from the
         posterior distribution instead of the curvature of the likelihood, as `locate` does. This is
@@ -127,7 +132,13 @@ def locate_many(
     if errors:
         raise ValueError("\n".join(errors))
     measurement = Measurement.from_response(
-        response, columns.names, sigma=sigma, noise_pC=noise_pC, reading=reading, unit=unit
+        response,
+        columns.names,
+        sigma=sigma,
+        noise_pC=noise_pC,
+        reading=reading,
+        unit=unit,
+        include_calibration=coerce("include_calibration", include_calibration, bool),
     )
     units_pC = get_units_pC(response.scene, unit)
     electrode_units_pC = np.array([units_pC[name] for name in columns.names])

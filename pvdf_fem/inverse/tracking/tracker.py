@@ -47,6 +47,9 @@ class Tracker:
     unit : str, optional
         Unit of the readings, of `READING_UNITS`. Default: ``readout.unit``, which is V unless the
         scene says otherwise, or pC without a readout.
+    include_calibration : bool
+        Whether standard deviations include the errors that the calibration of the sensor has left,
+        of the scene's ``[calibration]``.
     options : TrackOptions
         Thresholds to detect, locate and end contacts.
 
@@ -74,6 +77,7 @@ class Tracker:
         *,
         unknown: Sequence[str] = POSITION_AND_FORCE,
         unit: str | None = None,
+        include_calibration: bool = True,
         options: TrackOptions = DEFAULTS,
     ) -> None:
         self.response = as_response(response)
@@ -105,7 +109,9 @@ class Tracker:
         self._unit = get_reading_unit(scene) if unit is None else unit
         self._options = options
         self._circuit = ReadoutCircuit.from_channels(make_channels(scene))
-        self._problem = ContactProblem.from_response(self.response, fixed, options)
+        self._problem = ContactProblem.from_response(
+            self.response, fixed, options, include_calibration
+        )
         self._clock = SampleClock()
         self._restart()
 
