@@ -169,7 +169,7 @@ def add_text_option(
 
 
 class NoiseOptions(NamedTuple):
-    """Standard deviations of readings, by the options of `add_noise_options`."""
+    """Standard deviations of readings, as the options of `add_noise_options` give them."""
 
     sigma: float  #: As a fraction of the charge or change that is read.
     noise: float | None  #: Additional one of every reading; None for that of the readout.
@@ -307,7 +307,7 @@ def read_scene(options: argparse.Namespace, *errors: str) -> Scene:
         raise InputError(*messages)
     if changes:
         for lost in _find_lost_keys(original, scene, changes):
-            print_errors(f"--set: drops {lost}, a key that the changed scene does not have")
+            print_errors(f"--set: removes {lost}, a key that the changed scene cannot have")
     return scene
 
 

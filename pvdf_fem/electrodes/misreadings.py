@@ -13,6 +13,12 @@ from pvdf_fem.electrodes.channel import Channel, list_units_pC
 
 #: For up to this number of channels, all permutations are listed; for more, only pairwise swaps.
 MAX_PERMUTED = 4
+#: What to do about each kind of mistake.
+ADVICE = {
+    "swapped_channels": "correct the names of the columns",
+    "wrong_unit": "give the right unit",
+    "wrong_sign": "give a negative readout.gain",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +30,11 @@ class Misreading:
     order: tuple[int, ...]  #: For each channel, the column that contains its readings.
     #: For each channel, the factor that corrects its readings, shape (channels,).
     factors: Array
+
+    @property
+    def advice(self) -> str:
+        """What to do about the mistake."""
+        return ADVICE[self.kind]
 
     @property
     def swapped_count(self) -> int:

@@ -33,7 +33,7 @@ from pvdf_fem.scene.scene_file import quote
 
 #: Stresses below this fraction of the largest stress are round-off.
 ROUND_OFF = 1e-9
-#: Minimum relative change of a charge by neglected bending that causes a warning.
+#: Minimum relative change of a charge due to neglected bending that causes a warning.
 CONSIDERABLE_CHANGE = 1e-2
 
 
@@ -57,7 +57,7 @@ TENSION_FIELD = Kinematics("tension field", wrinkles=True)
 
 @dataclass(frozen=True)
 class MeshPolicy:
-    """Numbers that the film's kinematics set for meshing, solving and estimating errors."""
+    """Settings of meshing, solving and estimating errors, which depend on the kinematics."""
 
     #: Minimum Jacobian in an element, as a fraction of the element's mean.
     min_jacobian_ratio: float = 0.14

@@ -318,7 +318,7 @@ class LoadTerm(Term):
     def through_thickness_forces(self, state: State, residual: Array) -> ElementForces | None:
         """Return the forces that press on the film's face, element by element.
 
-        They compress the film across its thickness, which causes a charge by d33.
+        They compress the film across its thickness, which causes a charge through d33.
 
         Parameters
         ----------

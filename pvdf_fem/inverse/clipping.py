@@ -63,12 +63,12 @@ class ReadingLimits(NamedTuple):
         return is_high.astype(int) - is_low.astype(int)
 
     def replace_clipped(self, readings: Array, sides: Indices) -> Array:
-        """Return readings with the limits in place of clipped ones; arguments as in `find_sides`."""
+        """Return readings with the limits in place of clipped ones; see `find_sides`."""
         limited = np.where(sides > 0, self.high, readings)
         return np.where(sides < 0, self.low, limited)
 
     def tighten(self, other: ReadingLimits) -> ReadingLimits:
-        """Return for each channel the narrower ones of two limits."""
+        """Return the narrower of two pairs of limits for each channel."""
         return ReadingLimits(np.maximum(self.low, other.low), np.minimum(self.high, other.high))
 
     def scale(self, factors: Array) -> ReadingLimits:
@@ -77,7 +77,7 @@ class ReadingLimits(NamedTuple):
 
 
 def compute_volts_per_unit(channels: Sequence[Channel], unit: str) -> Array:
-    """Compute for each channel how many volts one unit of readings is; shape (channels,)."""
+    """Compute the size of a unit of readings in V for each channel; shape (channels,)."""
     units_pC = list_units_pC(channels)
     return units_pC[unit] / units_pC["V"]
 
@@ -201,7 +201,8 @@ def _measure_extreme(heights: Array) -> _Extreme:
     """
     value = heights.max(initial=0.0)
     others = np.sort(heights[heights < value])[-MAX_OTHERS:]
-    if value <= 0.0 or len(others) < MIN_OTHERS:
+    round_off = 1e-9 * np.abs(heights).max(initial=0.0)
+    if value <= round_off or len(others) < MIN_OTHERS:
         return _Extreme(0.0, repeats=0, chance=1.0, spacing=1.0)
     distinct = np.unique(others)
     repeats = int((heights == value).sum())

@@ -41,7 +41,7 @@ def get_base_quantity(quantity: str) -> str:
 
 
 def slice_quantity(response: ChargeFunction, column: int) -> slice:
-    """Return the columns that have one quantity, such as x, of all probes.
+    """Return the columns of one quantity, such as x, for all probes.
 
     Parameters
     ----------

@@ -228,11 +228,11 @@ def run_levenberg_marquardt(
             is_hopeless = within_reach > min_chi_square + max_excess
             ends = is_last | is_hopeless | searches.mark_repeated(trial)
         if ends.any():
-            searches.finish(trial.select(ends), is_last[ends])
+            searches.take_last_steps(trial.select(ends), is_last[ends])
             trial = trial.select(~ends)
         if not trial.searches.size:
             break
-        active = searches.advance(trial)
+        active = searches.try_steps(trial)
         if not active.size:
             break
     return searches.result
@@ -311,7 +311,7 @@ class _Searches:
         )
 
     def mark_repeated(self, trial: _TrialSteps) -> Mask:
-        """Mark the steps that end close to that of a better search or to a minimum.
+        """Mark the steps whose ends are close to that of a better search's step, or to a minimum.
 
         A search is better if its chi-square is lower. The minima are the end points of the searches
         that have converged.
@@ -319,7 +319,7 @@ class _Searches:
         minima = self._coordinates[self._converged]
         return mark_repeated(trial.coordinates, trial.chi_square, self._merge_distances, minima)
 
-    def finish(self, trial: _TrialSteps, is_last: Mask) -> None:
+    def take_last_steps(self, trial: _TrialSteps, is_last: Mask) -> None:
         """Take the last step of some searches, without evaluating the residuals after it.
 
         Parameters
@@ -333,7 +333,7 @@ class _Searches:
         self._converged[trial.searches] = is_last
         self._chi_square[trial.searches] -= trial.predicted_decrease
 
-    def advance(self, trial: _TrialSteps) -> Indices:
+    def try_steps(self, trial: _TrialSteps) -> Indices:
         """Evaluate the residuals after proposed steps, and take those that do not raise chi-square.
 
         The damping of each search is adapted. A search at the bounds ends as converged if the step

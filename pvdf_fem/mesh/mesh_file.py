@@ -159,7 +159,9 @@ def _extract_triangles(grid: Any) -> tuple[Array, Indices]:
     points = np.asarray(grid.points, dtype=float)
     triangles = grid.cells_dict["triangle6"]
     if not len(triangles) or triangles.min() < 0 or triangles.max() >= len(points):
-        raise MeshFileError("has no triangles, or triangles whose nodes are missing")
+        raise MeshFileError(
+            "has no triangles, or triangles whose nodes are missing; mesh the film again"
+        )
     used, numbers = np.unique(triangles, return_inverse=True)
     points = points[used]
     triangles = numbers.reshape(triangles.shape)
@@ -257,7 +259,8 @@ def _require_shared_middles(triangles: Indices) -> None:
     sides = np.hstack([ends, middles])
     counts = {len(np.unique(nodes, axis=0)) for nodes in (ends, middles, sides)}
     if len(counts) > 1 or np.isin(middles, triangles[:, :3]).any():
-        raise MeshFileError("has triangles that do not share the midside node of a common side")
+        reason = "has neighbouring triangles without a common midside node"
+        raise MeshFileError(f"{reason}; merge duplicate nodes")
 
 
 def _require_disc(mesh: MeshTri2, radius: float, slack: float) -> None:

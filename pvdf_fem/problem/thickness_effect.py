@@ -1,4 +1,4 @@
-"""The thickness direction: the size of the charges that a probe's pressure adds by d33.
+"""The thickness direction: the size of the charges that a probe's pressure adds through d33.
 
 Under a pressure p on one face the stress across the film varies from -p to zero, with the mean
 -p/2. The charge of an electrode increases by -d33/2 times the force that presses on it. The effect
@@ -32,7 +32,7 @@ def describe_thickness_effect(
     floating_electrodes: Sequence[FloatingElectrode],
     charges_pC: Charges = None,
 ) -> Iterator[EffectNote]:
-    """Yield notes on the charge that pressure on the film's face adds by d33.
+    """Yield notes on the charge that pressure on the film's face adds through d33.
 
     Parameters
     ----------

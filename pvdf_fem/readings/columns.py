@@ -30,9 +30,10 @@ class Column:
     unit: Unit | None = None
 
 
-#: A heading that ends with a unit in brackets, after a slash or comma, or after "in".
+#: A heading that ends with a unit in brackets.
+_UNIT_IN_BRACKETS = re.compile(r"(.*?)\s*[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
+#: A heading that ends with a unit after a slash or comma, "in", or an underscore.
 _UNIT_AT_END = (
-    re.compile(r"(.*?)\s*[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]"),
     re.compile(r"(.*\S)\s*[/,]\s*([^/,\s]+)"),
     re.compile(r"(.*\S)\s+in\s+(\S+)"),
     re.compile(r"(.*[^\s_])_([^\s_]+)"),
@@ -62,9 +63,9 @@ def parse_heading(heading: str) -> Column:
     of_dataset = _READING_OF_DATASET.fullmatch(text)
     if of_dataset and parse_unit(of_dataset[1]):
         return Column(text, of_dataset[2], parse_unit(of_dataset[1]))
-    for pattern in (*_UNIT_AT_END, _UNIT_AFTER_BLANK):
+    for pattern in (_UNIT_IN_BRACKETS, *_UNIT_AT_END, _UNIT_AFTER_BLANK):
         match = pattern.fullmatch(text)
-        unit = parse_unit(match[2]) if match else None
+        unit = parse_unit(match[2], pattern is _UNIT_IN_BRACKETS) if match else None
         if match and unit:
             return Column(text, match[1].strip(), unit)
     return Column(text, text)
@@ -76,21 +77,21 @@ def parse_unit_row(cells: Sequence[str]) -> list[Unit | None] | None:
     Parameters
     ----------
     cells : sequence of str
-        Cells of the row. Each must be the symbol of a unit, or empty.
+        Cells of the row. It is one of units if half of the cells that are not empty have one.
 
     Returns
     -------
     list of Unit or None
-        None for an empty cell.
+        None for an empty cell, and for one that is not a known unit.
     """
     units: list[Unit | None] = []
     for cell in cells:
         text = cell.strip().strip("[](){}<>-").strip()
-        unit = parse_unit(text)
-        if text and unit is None:
-            return None
+        unit = parse_unit(text, ignore_case=True)
         units.append(unit)
-    return units if any(units) else None
+    given = [cell for cell in cells if cell.strip()]
+    known = [unit for unit in units if unit is not None]
+    return units if known and 2 * len(known) >= len(given) else None
 
 
 def add_units(
@@ -125,7 +126,7 @@ def add_units(
 
 
 def find_column(columns: Sequence[Column], name: str, quantities: Collection[str]) -> int | None:
-    """Return the index of the column that a name means.
+    """Return the index of the column with a name.
 
     Parameters
     ----------

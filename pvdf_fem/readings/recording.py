@@ -14,7 +14,7 @@ from pvdf_fem.readings.columns import Column
 class SampleBlock(NamedTuple):
     """Consecutive samples of all channels of a recording."""
 
-    times_s: Array  #: Shape (samples,), in s.
+    times_s: Array  #: Shape (samples,), in s; NaN if they are not known.
     #: Shape (samples, channels), each channel in its unit. NaN is a missing sample; ∞ and -∞ are
     #: samples that the instrument has marked as above or below its range.
     values: Array
@@ -33,6 +33,8 @@ class Recording:
         of the channel in the file.
     blocks : iterator of SampleBlock
         The samples, which are read from the file while it is open. It can be used once.
+    has_times : bool
+        Whether the times of the samples are known.
     start : datetime, optional
         The time at which `times_s` is 0, if the file has it before its samples.
     rate_Hz : float, optional
@@ -45,6 +47,7 @@ class Recording:
     name: str
     columns: tuple[Column, ...]
     blocks: Iterator[SampleBlock]
+    has_times: bool = True
     start: datetime | None = None
     rate_Hz: float | None = None
     notes: list[str] = field(default_factory=list)

@@ -22,7 +22,7 @@ from pvdf_fem.readings.times import (
 )
 from pvdf_fem.readings.units import UNITS, convert_factor
 
-#: Units of readings by the quantity that they measure.
+#: Units to which readings in different units are converted, by the quantity that they measure.
 READING_UNITS = {"charge": "pC", "voltage": "V"}
 #: Units of times by the headings that say them, in lower case; those in front are preferred.
 TIME_HEADINGS = {"t_s": "s", "t_ms": "ms", "t_us": "µs", "t_µs": "µs", "t_ns": "ns"}
@@ -136,9 +136,11 @@ def choose_readings(
     Returns
     -------
     columns : dict of str to ChosenColumn
-        Columns by electrode, of those that have one. Readings with a unit are converted to pC or V.
+        Columns by electrode, of those that have one. If they have different units, readings are
+        converted to pC or V.
     unit : str or None
-        ``pC`` or ``V`` if the file has units, and otherwise the unit that the user has named.
+        Symbol of the unit of the readings if the file has it, and otherwise the unit that the user
+        has named.
 
     Raises
     ------
@@ -153,15 +155,19 @@ def choose_readings(
             indices[electrode] = index
     used = [table.columns[index] for index in indices.values()]
     _require_matching_units(table.name, used, unit)
+    units = {column.unit for column in used if column.unit is not None}
+    if not units:
+        target = None
+    elif len(units) == 1:
+        [target] = units
+    else:
+        target = UNITS[READING_UNITS[next(iter(units)).quantity]]
     chosen = {}
     for electrode, index in indices.items():
         column = table.columns[index]
-        factor = 1.0
-        if column.unit is not None:
-            unit = READING_UNITS[column.unit.quantity]
-            factor = convert_factor(column.unit, UNITS[unit])
+        factor = convert_factor(column.unit, target) if column.unit and target else 1.0
         chosen[electrode] = ChosenColumn(index, column.heading, factor)
-    return chosen, unit
+    return chosen, target.symbol if target else unit
 
 
 def _require_matching_units(name: str, columns: Sequence[Column], unit: str | None) -> None:
@@ -316,6 +322,23 @@ class NumberColumns:
             values.append(value)
         return values
 
+    def describe_words(self, row: Row, values: Iterable[float]) -> str:
+        """Describe the words that a row has instead of numbers: ``A is OVER, B is #DIV/0!``.
+
+        Parameters
+        ----------
+        row : Row
+            A row of the table.
+        values : iterable of float
+            Its numbers, as `read` returns them.
+        """
+        parts = []
+        for column, value in zip(self.columns, values, strict=True):
+            text = "" if math.isfinite(value) else _get_text(row.cells[column.index])
+            if text:
+                parts.append(f"{column.heading} is {text}")
+        return ", ".join(parts)
+
     def read_cell_or_nan(self, row: Row, position: int) -> float:
         """Return the number in one of the columns of a row that is malformed; NaN if it has none.
 
@@ -356,13 +379,18 @@ class NumberColumns:
 
     def _count_word(self, index: int, cell: Any) -> None:
         """Count a word that stood in place of a number; empty cells are not counted."""
-        text = cell.strip() if isinstance(cell, str) else ""
+        text = _get_text(cell)
         if text:
             self.words[self.table.columns[index].heading, text] += 1
 
 
+def _get_text(cell: Any) -> str:
+    """Return the text of a cell; an empty one for None and for numbers."""
+    return cell.strip() if isinstance(cell, str) else ""
+
+
 def _list_texts(cells: Iterable[Any]) -> list[str]:
-    """Return those of some cells that are texts."""
+    """Return the cells that are texts."""
     return [cell for cell in cells if isinstance(cell, str)]
 
 

@@ -42,8 +42,9 @@ class Table:
     reopen : callable, optional
         Returns the rows from the first one on in another iterator, to look at before the rows of
         `batches` are read. None for a stream, whose rows cannot be seen before they are used.
-    notes : tuple of str
-        Sentences about anything in the file that its user should know.
+    notes : sequence of str
+        Sentences about anything in the file that its user should know. Reading the rows may append
+        to it.
     """
 
     name: str
@@ -51,7 +52,7 @@ class Table:
     batches: Batches
     numbers: NumberReader
     reopen: Callable[[], Batches] | None = field(default=None, repr=False)
-    notes: tuple[str, ...] = ()
+    notes: Sequence[str] = ()
 
 
 def make_table(name: str, columns: Mapping[str, Sequence[Any]]) -> Table:

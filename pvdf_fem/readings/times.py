@@ -15,10 +15,12 @@ TIME_NAMES = (
     *("date time", "date_time", "date/time", "elapsed", "elapsed time", "elapsed_time", "zeit"),
     *("x_value", "date"),
 )
+#: Smallest of the years with two digits that are in the 20th century, as POSIX has it.
+FIRST_YEAR_OF_CENTURY = 69
 SECONDS_PER_DAY = 86400.0
 
 _TIME_OF_DAY = (
-    r"(?P<hour>[0-9]{1,2}):(?P<minute>[0-9]{2})(?::(?P<second>[0-9]{2})(?P<fraction>[.,][0-9]+)?)?"
+    r"(?P<hour>[0-9]{1,2}):(?P<minute>[0-9]{2})(?::(?P<second>[0-9]{2})(?P<fraction>[.,:][0-9]+)?)?"
     r"\s*(?P<half>[AaPp][Mm])?\s*(?P<zone>[Zz]|UTC|[+-][0-9]{2}:?[0-9]{2})?"
 )
 _DATE = r"(?P<date>[0-9]{1,4}(?P<mark>[-./])[0-9]{1,2}(?P=mark)(?:[0-9]{4}|[0-9]{1,2}))"
@@ -147,7 +149,7 @@ def _count_days(text: str, mark: str) -> int:
             f"{text} has a day and a month, which may be exchanged; write the date as YYYY-MM-DD"
         )
     if year < 100:
-        year += 2000
+        year += 2000 if year < FIRST_YEAR_OF_CENTURY else 1900
     try:
         return date(year, month, day).toordinal()
     except ValueError:

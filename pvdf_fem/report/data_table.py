@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from pvdf_fem.files import read_bytes
 from pvdf_fem.readings.columns import Column
 from pvdf_fem.readings.formats import parse_csv
 from pvdf_fem.readings.selection import (
+    READING_UNITS,
     ChosenColumn,
     NumberColumns,
     choose_quantity,
@@ -23,6 +25,7 @@ from pvdf_fem.readings.selection import (
 from pvdf_fem.readings.table import Row, Table
 from pvdf_fem.readings.text.header import make_name_test
 from pvdf_fem.readings.text.numbers import CellError, has_number
+from pvdf_fem.readings.units import UNITS, convert_factor
 
 _INTEGER = re.compile(r"\s*[+-]?[0-9]+\s*").fullmatch
 _BOOLEANS = {"true": True, "false": False}
@@ -65,7 +68,7 @@ def read_data_table(
         Columns of electrodes and quantities as floats, under their names. Other columns are
         integers, floats or truth values if all of their cells are, and otherwise texts; they have
         the headings of the file. Empty cells are NaN.
-    unit : str or None
+    unit : {"pC", "V"} or None
         Unit of the readings, if the file or the user says it.
 
     Raises
@@ -83,23 +86,51 @@ def read_data_table(
         content = read_bytes(source, max_bytes, "a table")
     has_name = make_name_test([*electrodes, *quantities, *others])
     table = parse_csv(content, name, lambda column: has_name(column) or _is_key(column))
-    chosen, unit = choose_readings(table, electrodes, unit)
+    chosen, unit = _choose_readings(table, electrodes, unit)
     for quantity in quantities:
         quantity_column = choose_quantity(table, quantity)
         if quantity_column is not None:
             chosen[quantity] = quantity_column
+    return _make_frame(table, chosen), unit
+
+
+def _choose_readings(
+    table: Table, electrodes: Sequence[str], unit: str | None
+) -> tuple[dict[str, ChosenColumn], str | None]:
+    """Return the columns of electrodes and their unit, see `choose_readings`, in pC or V."""
+    chosen, symbol = choose_readings(table, electrodes, unit)
+    if symbol is None:
+        return chosen, None
+    target = UNITS[READING_UNITS[UNITS[symbol].quantity]]
+    factor = convert_factor(UNITS[symbol], target)
+    scaled = {name: replace(each, factor=factor * each.factor) for name, each in chosen.items()}
+    return scaled, target.symbol
+
+
+def _make_frame(table: Table, chosen: Mapping[str, ChosenColumn]) -> pd.DataFrame:
+    """Read all rows of a table.
+
+    Parameters
+    ----------
+    table : Table
+        The table.
+    chosen : mapping of str to ChosenColumn
+        Columns of numbers, by their names in the result. Other columns keep their headings.
+    """
     numbers = NumberColumns(table, list(chosen.values()))
-    rows = [row for batch in table.batches for row in batch]
+    rows: list[Row] = []
+    for batch in table.batches:
+        rows += batch
     values = _read_numbers(numbers, rows)
     names = {column.index: name for name, column in chosen.items()}
+    columns: dict[str, Any] = dict(zip(chosen, values.T, strict=True))
     frame: dict[str, Any] = {}
     for index, column in enumerate(table.columns):
         if index in names:
-            position = list(chosen).index(names[index])
-            frame[names[index]] = values[:, position]
+            frame[names[index]] = columns[names[index]]
         elif column.heading:
             frame[column.heading] = _convert_cells(table, index, rows)
-    return pd.DataFrame(frame), unit
+    return pd.DataFrame(frame)
 
 
 def _is_key(column: Column) -> bool:

@@ -435,7 +435,7 @@ def make_scenes_at_positions(scene: Scene, positions_mm: Array) -> list[Scene]:
     """
     with prefix_errors("set"):
         if scene.single_probe is None:
-            reason = "must have exactly one probe to place; give one [probe], or probe.shape here"
+            reason = "must have exactly one probe to move; give one [probe], or probe.shape here"
             raise SceneError([f"scene: {reason}"])
     with prefix_errors("reach_mm"):
         scenes = []

@@ -36,7 +36,7 @@ STRENGTH = 180e6
 SLOPE_LIMIT = 0.5
 #: A tip touches the clamped rim if its contact extends beyond this fraction of the film's radius.
 RIM_REACH = 0.99
-#: Maximum relative change of a charge by wrinkles at which a membrane in compression is accepted.
+#: Maximum relative change of a charge due to wrinkles for a membrane in compression to be accepted.
 MAX_WRINKLING_CHANGE = 0.1
 
 

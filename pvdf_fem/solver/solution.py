@@ -63,7 +63,7 @@ class Solution(ElectrodeCharges):
         Effects that the model neglects in this scene, with their estimated sizes, and effects that
         it includes in addition to those of a membrane.
     warnings : tuple of str
-        Warnings, such as of a solution beyond the limits of the model.
+        Warnings, for example about a solution beyond the limits of the model.
     seconds : dict
         Wall-clock time in s of ``mesh``, ``solve``, ``estimate`` and ``refine``, and ``total``.
     unloaded_integrals : StressIntegrals or None
@@ -208,7 +208,7 @@ class Solution(ElectrodeCharges):
         Returns
         -------
         PointValues
-            Values as from `at`.
+            Values like those of `at`.
         """
         discrete = self.discrete
         return evaluate_along(discrete.equilibrium, discrete.state, line_mm, points=points)

@@ -108,7 +108,7 @@ def sample_field(
     """
     if film_map.values is None:
         fields = ", ".join(name for name, other in MAPS.items() if other.values)
-        raise ValueError(f"quantity: is not a field of the film; choose from {fields}")
+        raise ValueError(f"quantity: is not a field at points of the film; choose from {fields}")
     elements = film.mesh.nelements
     # each division multiplies the number of triangles by four
     divisions = max(1, int(np.log(max_triangles / elements) / np.log(4.0)))

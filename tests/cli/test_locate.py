@@ -320,3 +320,74 @@ def test_known_quantities_are_those_of_columns_or_the_scene(run, text, options):
     rows = rows_of(run(text, "--quick", *options).out)
     assert_touches(rows, TOUCHES[: len(rows)])
     assert {row["rotation_deviation_deg"] + row["force_deviation_N"] for row in rows} == {""}
+
+
+def test_a_dataset_can_be_located(folder, made_up_responses, command):
+    """Its force is known, as all columns with this name are; its positions are those to find."""
+    drawn = "--touches 20 --seed 3 --sigma 0 --noise 0"
+    assert command("dataset", "scene.toml", *drawn.split(), "--output", "drawn.csv").code == 0
+    done = command("locate", "scene.toml", "--csv", "drawn.csv", "--quick")
+    assert done.code == 0
+    rows = rows_of(done.out)
+    assert len(rows) == 20
+    for name in ("x_mm", "y_mm"):
+        expected = [float(row[f"given_{name}"]) for row in rows]
+        assert [float(row[name]) for row in rows] == pytest.approx(expected, abs=5e-3)
+    assert {"charge_pC.A", "model_error_pC.D"} < rows[0].keys()
+
+
+def test_a_table_below_the_header_of_a_labview_file_is_no_lvm_file(run):
+    header = "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\n"
+    assert_touches(rows_of(run(header + table(), "--quick").out))
+
+
+CELLS = ("name;A;B;C;D;rotation_deg", "a;1.041;2.041;3.041;4.041;5", "b;nan;1;1;1;0")
+
+
+def test_cells_that_cannot_be_read_are_named_in_the_remark_and_in_the_summary(run):
+    done = run("\n".join([*CELLS, "c;1;#DIV/0!;;1;0", ""]), "--quick")
+    first, second, third = rows_of(done.out)
+    assert first["remark"].startswith("row 1, column A: 1.041 could be 1.041 or 1041")
+    assert second["remark"].endswith("A is nan")
+    assert third["remark"].endswith("B is #DIV/0!")
+    assert first["status"] == "not_finite"
+    assert "readings.csv: row 1, column A: 1.041" in done.err
+    assert "B: 1 #DIV/0!" in done.err
+    settled = rows_of(run("\n".join([*CELLS, "c;0,5;1;1;1;0", ""]), "--quick").out)
+    assert "could be" not in settled[0]["remark"]
+
+
+# ----------------------------------------------------------------------------------------- clipping
+
+
+@pytest.mark.parametrize("option", ["--quick", "--json"])
+def test_a_table_names_the_channels_that_clip(option, run):
+    """Without a range in the scene; the file is located in parts of 32 rows."""
+    touches = draw_uniform_touches(70, seed=3, reach_mm=9.0)
+    noise = 0.01 * np.random.default_rng(1).standard_normal((70, 4))
+    charges = make_bump_response("rectangle").evaluate(touches)[0] * (1.0 + noise)
+    end = np.sort(charges[:, 1])[-4]
+    is_clipped = charges[:, 1] >= end
+    charges[:, 1] = np.minimum(charges[:, 1], end)
+    done = run(table(charges, touches), option)
+    found = rows_of(done.out)
+    assert [row["clipped"] == "B" for row in found] == is_clipped.tolist()
+    assert "unexplained" not in [statuses(found)[row] for row in np.flatnonzero(is_clipped)]
+    (message,) = [line for line in done.err.splitlines() if line.startswith("clipped: ")]
+    assert f"B at {end:.6g} pC in 4 rows" in message
+    assert "range_V" in message
+
+
+def test_clipped_charges_are_named_and_too_many_are_refused(folder, made_up_responses, command):
+    """Charges of one touch as options, with a range in the scene."""
+    charges = make_bump_response("rectangle").evaluate(TOUCH)[0][0]
+    end = np.sort(charges)[-1] - 1.0
+    arguments = ["locate", "scene.toml", "--unit", "pC"]
+    clipped = options(lambda charge: min(charge, end))
+    done = command(*arguments, "--set", f"readout.range_V={end / 1e3}", "--charges", clipped)
+    assert (done.code, "clipped" in done.out) == (0, True)
+    low = options(lambda charge: min(charge, 100.0))
+    done = command(*arguments, "--set", "readout.range_V=0.1", "--charges", low, "--json")
+    result = json.loads(done.out)
+    assert (done.code, result["status"], result["touches"]) == (3, "clipped", [])
+    assert result["clipped"] == list("ABCD")

@@ -160,3 +160,18 @@ def test_the_unit_is_questioned_where_it_may_be_wrong(track, table, factor, unex
     forces = [float(row["force_N"]) for row in found if row["force_N"]]
     assert bool(forces) is unexplained
     assert all(force < 100.0 for force in forces)
+
+
+def test_a_table_of_any_program_is_followed(track, table):
+    """With a header block, times of day, units, decimal commas and separators at the end."""
+    lines = ["Logger;7", "time;A (mV);B (mV);C (mV);D (mV)"]
+    for t_s, *readings in table:
+        cells = [f"12:00:{t_s:012.9f}", *(f"{1e3 * value:.12g}" for value in readings)]
+        lines.append(";".join([*cells, ""]).replace(".", ","))
+    found = rows_of(track("\n".join([*lines, ""])))
+    expected = rows_of(track(table))
+    assert [row["status"] for row in found] == [row["status"] for row in expected]
+    forces = []
+    for rows in (found, expected):
+        forces.append([float(row["force_N"]) for row in rows if row["force_N"]])
+    assert forces[0] == pytest.approx(forces[1], rel=1e-4)

@@ -38,6 +38,7 @@ TRUE = {
 }
 UNKNOWN = ("film.pretension_N_m", "gains", "shift", "turn")
 PLACES_MM = np.array([rotate([10.0, 0.0], 90.0 * k) for k in range(4)])
+DOMAIN = Domain(14.0, (0.1, 5.0))  #: Domain of the response.
 #: Arguments of the stress integrals.
 KEYS = (*TOUCH_SCENE_KEYS, "film.pretension_N_m")
 
@@ -181,7 +182,7 @@ class TouchedResponse:
     is_fast: ClassVar = True
     names: ClassVar = NAMES
     scene: Scene
-    domain: Domain = Domain(14.0, (0.1, 5.0))
+    domain: Domain = DOMAIN
     error_bound: float = 1e-5
 
     @property

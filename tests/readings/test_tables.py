@@ -47,6 +47,7 @@ def test_numbers_are_read_as_they_are_meant(cells, values):
         ("A,B\n2.113,1.041\n", [[2.113, 1.041]]),
         ("A\tB\n0,5\t1\n", [[0.5, 1.0]]),
         ("A|B\n0.5|1\n", [[0.5, 1.0]]),
+        ('"A" \t "B"\n0.5 \t "1"\n', [[0.5, 1.0]]),
         ("  A      B\n 0.500  -1\n", [[0.5, -1.0]]),
         ("# A B\n0.5 1\n", [[0.5, 1.0]]),
         ("# A B\n0.5,1\n", [[0.5, 1.0]]),
@@ -57,6 +58,7 @@ def test_numbers_are_read_as_they_are_meant(cells, values):
         ('"sep=;"\nA;B\n0,5;1\n', [[0.5, 1.0]]),
         ("note,A,B\nx,0.5,1\n", [[0.5, 1.0]]),
         ("B, a \n1,0.5\n", [[0.5, 1.0]]),
+        ("A;B_raw;C (left)\n0.5;9;9\n", [[0.5]]),
         ("A,a,B\n1,9,2\n", [[1.0, 2.0]]),
         ("A,B,comment\n0.5,1\n0.6,1,later\n", [[0.5, 1.0], [0.6, 1.0]]),
         ("A;B;\n0.5;1\n0.6;1;\n", [[0.5, 1.0], [0.6, 1.0]]),
@@ -64,6 +66,8 @@ def test_numbers_are_read_as_they_are_meant(cells, values):
         ("A,B\n0.5,1\n# end\n\n% end\n// end\n0.6,1\n", [[0.5, 1.0], [0.6, 1.0]]),
         ("Rate;1000\nA;left\nB;right\n\nA;B\n0,5;1\n", [[0.5, 1.0]]),
         ("Channels: A,B\nGain A: 2\nA,B\n0.5,1\n", [[0.5, 1.0]]),
+        ("Channel;A;B\nRange;5;5\nUnit;V;V\n\ntime (s);A;B\n0;0,5;1\n", [[0.0, 0.5, 1.0]]),
+        (" A | B \n---+---\n 0.5 | 1 \n", [[0.5, 1.0]]),
         ("x\t1\n***End_of_Header***\t\nA,B\n0.5,1\n", [[0.5, 1.0]]),
         ("A;B\n1.041;2.113\n0.5;1\n", [[1.041, 2.113], [0.5, 1.0]]),
         ("A;B;note\n1.041;2;x\n3;4;241,5\n", [[1041.0, 2.0], [3.0, 4.0]]),
@@ -76,7 +80,7 @@ def test_the_header_and_the_separator_are_found(text, rows):
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1"])
 def test_any_usual_encoding_is_read(encoding):
     read = read_table("A (µV);B (µV)\r\n0,5;1\r\n".encode(encoding))
-    assert (read.rows, read.unit) == ([[0.5e-6, 1e-6]], "V")
+    assert (read.rows, read.unit) == ([[0.5, 1.0]], "µV")
 
 
 @pytest.mark.parametrize(
@@ -127,9 +131,10 @@ def test_words_in_place_of_numbers_are_counted():
     [
         ("A (pC);B (nC)", "pC", [1.5, 2000.0]),
         ("A [V];B [mV]", "V", [1.5, 0.002]),
-        ("A / µV;B / uV", "V", [1.5e-6, 2e-6]),
+        ("A / µV;B / uV", "µV", [1.5, 2.0]),
         ("A_mV;B_V", "V", [0.0015, 2.0]),
         ("A in fC;B in C", "pC", [0.0015, 2e12]),
+        ("A (mv);B (MV)", "mV", [1.5, 2.0]),
         ('"A, mV";"B, volts"', "V", [0.0015, 2.0]),
         ("A;B\nmV;V", "V", [0.0015, 2.0]),
         ("A;B\n[pC];[pC]", "pC", [1.5, 2.0]),
@@ -179,6 +184,9 @@ def test_units_and_names_that_do_not_fit_are_refused(header, unit, reason):
         ("time", ["2024-05-02T10:00:00+02:00", "2024-05-02T08:00:01Z"], [0.0, 1.0]),
         ("time", ["02.05.2024 10:00:00,5", "02.05.2024 10:00:01,5"], [0.0, 1.0]),
         ("time", ["25/12/2024 11:59:59 PM", "26/12/2024 12:00:01 AM"], [0.0, 2.0]),
+        ("time", ["01.02.24 10:00:00", "2.2.24 10:00:00"], [0.0, 86400.0]),
+        ("time", ["31.12.99 23:59:59", "1.1.2000 00:00:00"], [0.0, 1.0]),
+        ("time", ["10:00", "10:00:30"], [0.0, 30.0]),
         ("time", ["2024/5/2 10:00", "2024/5/2 10:01"], [0.0, 60.0]),
         ("Time", ["23:59:59.9", "00:00:00.1"], [0.0, 0.2]),
         ("timestamp", ["1714650000123", "1714650000124"], [0.0, 0.001]),

@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 _DESCRIPTION = """\
 Fit the parameters of a sensor to touches with known position, rotation and force: the
 film, the channels and the position on the stage that explain the readings best. The ±
-are standard deviations. Touches that do not fit are rejected and named; files
-with exchanged channels, mirrored axes, wrong units and the like are recognised."""
+are standard deviations. Touches that do not fit are rejected and named; readings at
+the end of readout.range_V, or at plateaus, are clipped and left out; files with exchanged channels, mirrored axes, wrong units and the like are recognised."""
 
 _EPILOG = """\
 TOUCHES.csv has the columns x_mm, y_mm, rotation_deg (of the scene's probe on
 the stage), force_N, and one for each electrode (A, B, ...) with its reading: in V if
-the scene has a [readout], and in pC if not, unless readout.unit or --unit says
-otherwise.
+the scene has a [readout], and in pC if not, unless readout.unit, --unit or the file
+says otherwise. Units in headings, as x (m) or A (mV), are converted.
 
 unknowns: film.pretension_N_m and other keys of the film; gain.A, ... or gains;
 offset.A, ... (V) or offsets; stage.x_mm and stage.y_mm or shift;
@@ -126,14 +126,16 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(*errors)
     from pvdf_fem.inverse.calibration.calibrate import calibrate
     from pvdf_fem.inverse.calibration.diagnosis import CalibrationStatus
+    from pvdf_fem.inverse.calibration.touch_columns import find_reading_unit
     from pvdf_fem.inverse.touch.measurement import get_units_pC
 
-    noise_pC = None
-    if noise is not None:
-        units_pC = get_units_pC(scene, unit or get_reading_unit(scene))
-        noise_pC = {name: noise * unit_pC for name, unit_pC in units_pC.items()}
     unknowns = [name.strip() for name in options.unknown.split(",")]
+    noise_pC = None
     try:
+        if noise is not None:
+            noise_unit = unit or find_reading_unit(options.touches, scene)
+            units_pC = get_units_pC(scene, noise_unit or get_reading_unit(scene))
+            noise_pC = {name: noise * unit_pC for name, unit_pC in units_pC.items()}
         calibration = calibrate(
             scene,
             options.touches,

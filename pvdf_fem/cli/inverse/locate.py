@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli.inverse.calibration_option import add_calibration_option
 from pvdf_fem.cli.inverse.locate_request import UNKNOWN_HELP, Request, require_locatable
-from pvdf_fem.cli.inverse.unit_option import add_unit_option, choose_unit
+from pvdf_fem.cli.inverse.recording_options import add_recording_options
+from pvdf_fem.cli.inverse.unit_choice import choose_unit
+from pvdf_fem.cli.inverse.unit_option import add_unit_option
 from pvdf_fem.cli.options import (
     add_noise_options,
     add_scene_command,
@@ -49,14 +51,18 @@ forces, without a response, in up to a minute. The two probes are those of the
 scene, or its single probe twice.
 
 With --csv every row of a file is located. Its header has names of electrodes, and
-may have rotation_deg and force_N, which are then known. Other columns are copied.
+may have rotation_deg and force_N, which are then known. Separators, decimal commas,
+header blocks and units are recognised; a cell such as 1.041 that may be a fraction or
+a thousand is refused. Other columns are copied, x_mm as given_x_mm and so on.
 The columns x_mm, y_mm, rotation_deg, force_N, their deviations, chi_square, p_value,
 alternatives (touches with another place or force and 1 % of the likelihood or more),
-status and remark follow. Files that end in .json or .jsonl have a list of objects,
-or an object on each line; - is CSV, or such a list with --json.
+status, remark and clipped (channels whose readings are limits, not values) follow.
+Files that end in .json or .jsonl have a list of objects, or an object on each line; - is
+CSV, or such a list with --json.
 
 The status is `located`, `ambiguous` (touches with another place or force are
-likely), `at edge` (the touch may lie beyond the response) or `unexplained`: no touch
+likely), `at edge` (the touch may lie beyond the response), `clipped` (too many readings
+are at the end of readout.range_V, or at plateaus of a table) or `unexplained`: no touch
 explains the charges, the numbers are those of the nearest touch, and the remark
 names the unit, sign or exchanged channels with which a touch would explain them."""
 
@@ -106,7 +112,7 @@ def add_parser(commands: Any) -> None:
         source,
         "--csv",
         "FILE",
-        about="a table of readings, or - for standard input (see --json)",
+        about="a table of readings or a file of a logger, or - for standard input (see --json)",
     )
     parser.add_argument(
         "--quick",
@@ -146,6 +152,7 @@ def add_parser(commands: Any) -> None:
         "compared by likelihood. May be repeated",
     )
     add_calibration_option(parser)
+    add_recording_options(parser)
     add_response_options(parser)
     add_plot(parser, "the likelihood of the touch by position")
 
@@ -297,9 +304,7 @@ def _settle_unit(request: Request, response: ChargeFunction, known: Mapping[str,
         {name: np.array([value]) for name, value in request.readings.items()},
         request.unit,
         "readings",
-        sigma=request.sigma,
-        noise=request.noise,
-        reading=request.reading,
+        request=request,
         known=known_rows,
     )
     return replace(request, unit=unit)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from pvdf_fem.cli.inverse.recording_options import RECORDING_OPTIONS
 from pvdf_fem.cli.inverse.unit_option import parse_unit_option
 from pvdf_fem.cli.options import parse_noise_options, read_number
 from pvdf_fem.cli.output import find_plot_errors
@@ -244,6 +245,8 @@ def _find_misplaced_options(options: argparse.Namespace) -> list[str]:
         "--reading": options.reading is not None,
         "--output": options.output != "-",
     }
+    for name, option in RECORDING_OPTIONS.items():
+        of_tables[option] = getattr(options, name) is not None
     return [
         f"{option}: is only for tables; remove it, or give --csv FILE"
         for option, is_used in of_tables.items()

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,12 +19,15 @@ from pvdf_fem.cli.inverse.reading_table import (
     EXTENSIONS,
     MAX_MALFORMED,
     choose_electrode_columns,
+    count_lines,
     describe_words,
     open_readings,
     open_writer,
     to_plain,
 )
-from pvdf_fem.cli.inverse.unit_option import choose_unit, require_valid_unit
+from pvdf_fem.cli.inverse.recording_options import make_recording_options
+from pvdf_fem.cli.inverse.unit_choice import choose_unit
+from pvdf_fem.cli.inverse.unit_option import require_valid_unit
 from pvdf_fem.cli.output import find_output_errors
 from pvdf_fem.cli.program import ExitCode, InputError
 from pvdf_fem.cli.response_choice import load_or_build_response
@@ -74,20 +77,22 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
     errors = find_output_errors(target, EXTENSIONS, Path(options.scene), source, options.model)
     if not {"x_mm", "y_mm"} <= set(request.unknown):
         errors.append("--unknown: x and y are always unknown in a table; name them")
+    given_options = make_recording_options(options, scene, errors)
     if errors:
         raise InputError(*errors)
+    recording_options = replace(given_options, needs_times=False, quantities=list(KNOWN))
     electrodes = [electrode.name for electrode in scene.electrode_list]
     counts = Counter[str]()
     mistakes = Counter[str]()
     clipped = Counter[str]()
     with ExitStack() as stack:
         input_format = choose_format(source, options.json)
-        table = open_readings(stack, source, input_format, electrodes, list(KNOWN))
+        table = open_readings(stack, source, input_format, electrodes, recording_options)
         locator = _RowLocator(scene, request, options, table)
         write = open_writer(
             stack, target, choose_format(target, options.json), locator.output_columns
         )
-        line_count = _count_lines(source)
+        line_count = count_lines(source if table.reopen else None)
         # no progress between rows on a terminal, nor for a pipe, whose length is unknown
         progress = options.progress if target and line_count else False
         show = stack.enter_context(show_progress("rows", progress))
@@ -103,6 +108,19 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
     if clipped:
         _print_clipped(clipped, locator.limits, locator.unit)
     return _print_summary(counts, mistakes)
+
+
+class _RowNote(NamedTuple):
+    """A note about the cells of a row: why it is refused, or the words in place of numbers."""
+
+    text: str  #: Empty if there is nothing to say.
+    is_refused: bool
+
+    def add_to(self, remark: str) -> str:
+        """Return a remark about a touch with this note, which replaces it for a refused row."""
+        if self.is_refused or not remark:
+            return self.text or remark
+        return f"{remark}; {self.text}" if self.text else remark
 
 
 class _RowLocator:
@@ -179,9 +197,7 @@ class _RowLocator:
             {name: numbers[name] for name in self.electrodes},
             self.given_unit,
             self.numbers.table.name,
-            sigma=self.request.sigma,
-            noise=self.request.noise,
-            reading=self.request.reading,
+            request=self.request,
             known=self._collect_known(numbers),
         )
         self.request = replace(self.request, unit=self.unit)
@@ -202,14 +218,14 @@ class _RowLocator:
         If a row cannot be read, the output has the reason as remark instead of a touch; its status
         is ``malformed`` if the row is, and ``not_finite`` if one of its cells is not a number.
         """
-        numbers, defects = self._read_numbers(rows)
+        numbers, notes = self._read_numbers(rows)
         self._settle_unit(numbers)
         self._find_limits(numbers)
         step = len(rows) if self.is_quick else CALIBRATED_ROWS
         for start in range(0, len(rows), step):
             part = slice(start, start + step)
             located = self._locate_numbers({name: numbers[name][part] for name in numbers})
-            yield self._make_cells(rows[part], defects[part], located)
+            yield self._make_cells(rows[part], notes[part], located)
 
     def _find_limits(self, numbers: Mapping[str, Array]) -> None:
         """Find the readings at which channels clip, though the scene has no ``readout.range_V``.
@@ -256,7 +272,7 @@ class _RowLocator:
         return {name: column.tolist() for name, column in touches.to_table().items()}
 
     def _make_cells(
-        self, rows: Sequence[Row], defects: Sequence[str], columns: Mapping[str, list[Any]]
+        self, rows: Sequence[Row], notes: Sequence[_RowNote], columns: Mapping[str, list[Any]]
     ) -> list[dict[str, Any]]:
         """Make the cells of the output by column, for each of some rows.
 
@@ -264,8 +280,8 @@ class _RowLocator:
         ----------
         rows : sequence of Row
             Rows of the table, from which columns are copied.
-        defects : sequence of str
-            Reason for each row that cannot be read, otherwise an empty text.
+        notes : sequence of _RowNote
+            Notes about the cells of each row.
         columns : mapping of str to list
             Columns of the output that describe the touches.
         """
@@ -276,10 +292,10 @@ class _RowLocator:
                 if index < len(row.cells):
                     cells[name] = row.cells[index]
             if row.defect:
-                cells |= _make_malformed_row_cells(columns, defects[i])
+                cells |= _make_malformed_row_cells(columns, notes[i].text)
             else:
                 cells |= {name: to_plain(column[i]) for name, column in columns.items()}
-                cells["remark"] = defects[i] or cells["remark"]
+                cells["remark"] = notes[i].add_to(str(cells["remark"]))
             located.append(cells)
         return located
 
@@ -292,7 +308,7 @@ class _RowLocator:
         if words:
             print(f"{name}: missing readings: {words}", file=sys.stderr)
 
-    def _read_numbers(self, rows: Sequence[Row]) -> tuple[dict[str, Array], list[str]]:
+    def _read_numbers(self, rows: Sequence[Row]) -> tuple[dict[str, Array], list[_RowNote]]:
         """Read the numbers of rows.
 
         Returns
@@ -300,21 +316,22 @@ class _RowLocator:
         numbers : dict of str to ndarray, shape (rows,)
             Readings by electrode, and known quantities; NaN where missing or malformed. Readings
             that are marked as beyond the range of an instrument are infinite.
-        defects : list of str
-            Reason for each row that cannot be read, otherwise an empty text.
+        notes : list of _RowNote
+            Notes about the cells of each row.
         """
         values = np.full((len(rows), len(self.names)), np.nan)
-        defects = []
+        notes = []
         for i, row in enumerate(rows):
-            defect = ""
             try:
                 values[i] = self.numbers.read(row)
+                words = self.numbers.describe_words(row, values[i])
+                notes.append(_RowNote(escape_unprintable(words), is_refused=False))
             except CellError as error:
-                defect = escape_unprintable(str(error))
+                reason = escape_unprintable(str(error))
+                notes.append(_RowNote(reason, is_refused=True))
                 if len(self.malformed) < MAX_MALFORMED:
-                    self.malformed.append(defect)
-            defects.append(defect)
-        return dict(zip(self.names, values.T, strict=True)), defects
+                    self.malformed.append(reason)
+        return dict(zip(self.names, values.T, strict=True)), notes
 
 
 def _list_touch_columns() -> list[str]:
@@ -365,14 +382,6 @@ def _make_malformed_row_cells(columns: Iterable[str], reason: str) -> dict[str, 
 def _list_mistakes(remark: str) -> list[str]:
     """Return the parts of a remark that describe a mistake in the readings."""
     return [part for part in remark.split("; ") if part.startswith(MISTAKE_PREFIX)]
-
-
-def _count_lines(source: Path | None) -> int:
-    """Count the lines of a file; 0 for standard input, whose length is unknown."""
-    if source is None:
-        return 0
-    with source.open("rb") as file:
-        return sum(1 for _ in file)
 
 
 def _print_clipped(

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from pvdf_fem.cli.program import InputError
 from pvdf_fem.files import escape_unprintable, replace_file
@@ -18,6 +18,10 @@ from pvdf_fem.readings.formats import open_table
 from pvdf_fem.readings.selection import ChosenColumn, NumberColumns, choose_readings, is_time_column
 from pvdf_fem.readings.table import Table
 from pvdf_fem.readings.text.header import make_name_test
+
+if TYPE_CHECKING:
+    from pvdf_fem.readings.loggers.open_recording import RecordingOptions
+    from pvdf_fem.readings.recording import Recording
 
 EXTENSIONS = [".csv", ".json", ".jsonl"]  #: Extensions of the tables that commands write.
 MAX_MALFORMED = 3  #: Maximum number of malformed rows that are named.
@@ -29,9 +33,12 @@ def open_readings(
     source: Path | None,
     table_format: str,
     electrodes: Sequence[str],
-    quantities: Sequence[str] = (),
+    options: RecordingOptions,
 ) -> Table:
-    """Open a table of readings, and read its header.
+    """Open a table of readings and read its header, or open the file of a logger.
+
+    Notes about the file of a logger are printed on standard error, those that come up while it is
+    read when `stack` is closed.
 
     Parameters
     ----------
@@ -43,20 +50,47 @@ def open_readings(
         Format of the table, one of `EXTENSIONS`.
     electrodes : sequence of str
         Names of the sensor's electrodes.
-    quantities : sequence of str
-        Names of other columns that the table may have, such as ``force_N``.
+    options : RecordingOptions
+        Names of further columns, such as ``force_N``; and channels and the like of the file of a
+        logger, which is recognised by its first bytes.
 
     Raises
     ------
     FileError
-        If the file cannot be read or is not a table.
+        If the file cannot be read, or is neither a table nor the file of a logger.
     """
-    has_name = make_name_test([*electrodes, *quantities])
+    if source is not None:
+        from pvdf_fem.readings.loggers.open_recording import open_recording
+        from pvdf_fem.readings.loggers.recording_table import make_table
+
+        recording = open_recording(source, stack, electrodes, options)
+        if recording is not None:
+            stack.callback(_print_notes, recording, len(recording.notes))
+            _print_notes(recording, 0)
+            return make_table(recording)
+    has_name = make_name_test([*electrodes, *options.quantities])
 
     def is_wanted(column: Column) -> bool:
         return has_name(column) or is_time_column(column)
 
-    return open_table(stack, source, table_format, is_wanted)
+    table = open_table(stack, source, table_format, is_wanted)
+    for note in table.notes:
+        print(f"{table.name}: {note}", file=sys.stderr)
+    return table
+
+
+def _print_notes(recording: Recording, first: int) -> None:
+    """Print the notes about a recording from the one with an index on."""
+    for note in recording.notes[first:]:
+        print(f"{recording.name}: {note}", file=sys.stderr, flush=True)
+
+
+def count_lines(source: Path | None) -> int:
+    """Count the lines of a file; 0 for standard input, whose length is unknown."""
+    if source is None:
+        return 0
+    with source.open("rb") as file:
+        return sum(1 for _ in file)
 
 
 def choose_electrode_columns(

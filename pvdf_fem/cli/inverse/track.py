@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
@@ -23,6 +24,7 @@ from pvdf_fem.cli.inverse.reading_table import (
     open_writer,
     to_plain,
 )
+from pvdf_fem.cli.inverse.recording_options import add_recording_options, make_recording_options
 from pvdf_fem.cli.inverse.unit_option import (
     add_unit_option,
     parse_unit_option,
@@ -45,7 +47,8 @@ if TYPE_CHECKING:
     from pvdf_fem.inverse.tracking.results import TrackRow
     from pvdf_fem.inverse.tracking.tracker import Tracker
 
-STATUSES_WITHOUT_TOUCH = ("", "quiet", "settling")
+#: Statuses of touches without a position that can be relied on.
+UNLOCATED_STATUSES = ("settling", "starting", "unexplained")
 #: Statuses of touches that may be due to a wrong unit of the readings.
 DOUBTFUL_STATUSES = ("too_strong", "unexplained")
 
@@ -63,6 +66,10 @@ error. Tables are read as instruments and spreadsheets write them, with any sepa
 decimal commas, header blocks and units. An empty cell, nan or a word such as OVER is
 a missing reading; other columns are ignored.
 
+The files of loggers are read as well, with times, rate and units as they have them:
+TDMS, LVM, XDF, MCAP, ROS 2 bags, HDF5, MATLAB, WAV and Parquet. Their packages come
+by: pip install "pvdf-fem[loggers]".
+
 A response is needed, as for `locate`: the first call builds it, says how long that
 takes, and stores it beside the scene file."""
 
@@ -75,16 +82,23 @@ status of a row, and of a touch that has ended:
   too_light, too_strong   the force is outside --force-range; the place is that of
                earlier samples
   unexplained  no touch of this probe gives such charges
-  lost         a touch can no longer be distinguished from the drift, or the readings
-               paused
-  clock        the time did not increase, and the tracker restarts
-  malformed    a cell is not a number, or there is no time; the row is skipped
+  clipped      too many channels were at the end of their range at the peak
+  lost         a touch can no longer be distinguished from the drift, or readings are
+               missing where its force may have been largest
+  malformed    a cell is not a number; the row is skipped
+
+Repeated, exchanged, jittered and missing times, gaps, spikes, clipped and frozen
+channels, and mains hum (readout.mains_Hz) are found and repaired; each kind is said
+once on standard error.
 
 examples:
   pvdf-fem track sensor.toml signals.csv > rows.csv
   my-logger | pvdf-fem track sensor.toml - --json
+  pvdf-fem track sensor.toml recording.tdms --channels A=Group/ai0,B=Group/ai1 > rows.csv
+  pvdf-fem track sensor.toml recording.wav --full-scale 2.5 > rows.csv
 
-exit codes: 0 done, 2 bad input, or no row that can be used"""
+exit codes: 0 done, 2 bad input, or no row that can be used, 3 a touch was not located,
+or the baseline was never learned"""
 
 
 def add_parser(commands: Any) -> None:
@@ -98,10 +112,11 @@ def add_parser(commands: Any) -> None:
         epilog=_EPILOG,
         json_help="print a JSON object for each row and touch",
     )
-    parser.add_argument("signals", metavar="SIGNALS.csv", help="readings, or - for standard input")
+    parser.add_argument("signals", metavar="SIGNALS", help="readings, or - for standard input")
     add_unit_option(parser, is_tested=False)
     add_text_option(parser, "--unknown", "NAMES", about=UNKNOWN_HELP, default="x,y,force")
     add_calibration_option(parser)
+    add_recording_options(parser)
     add_response_options(parser)
 
 
@@ -129,6 +144,7 @@ def run(options: argparse.Namespace) -> int:
         errors.append(f"{options.scene}: has no [probe]; add one")
     unit = parse_unit_option(options.unit)
     errors += find_unit_errors(scene, unit, "--unit")
+    recording_options = make_recording_options(options, scene, errors)
     if errors:
         raise InputError(*errors)
     # This raises an error if the film has no unloaded equilibrium, before a response is built.
@@ -136,7 +152,8 @@ def run(options: argparse.Namespace) -> int:
     electrodes = [electrode.name for electrode in scene.electrode_list]
     source = None if options.signals == "-" else Path(options.signals)
     with ExitStack() as stack:
-        table = open_readings(stack, source, choose_format(source, False), electrodes)
+        table_format = choose_format(source, False)
+        table = open_readings(stack, source, table_format, electrodes, recording_options)
         columns, unit = choose_electrode_columns(table, electrodes, unit)
         require_valid_unit(scene, unit, table.name)
         times = _choose_time_column(table)
@@ -210,9 +227,10 @@ class _Session:
         self.write = open_writer(stack, None, ".jsonl" if options.json else ".csv", columns)
         self.rows = 0
         self.malformed_rows = 0
+        self.timed_rows = 0  #: Number of rows that have a time and are not malformed.
         self.reported_touches = 0
-        self.last_status = ""
         self.has_announced_settling = False
+        self.printed_notes: set[str] = set()
 
     def process(self, rows: Sequence[Row]) -> None:
         """Update the tracker by rows of readings, and write the results and the ended touches.
@@ -240,47 +258,60 @@ class _Session:
                 t_s = self.numbers.read_cell_or_nan(row, 0)
                 yield _to_plain_row(TrackRow(t_s, TouchStatus.MALFORMED))
                 continue
+            self.timed_rows += math.isfinite(t_s)
             tracked = self.tracker.update(t_s, readings)
             yield _to_plain_row(tracked)
-            self.last_status = tracked.status
             if tracked.status == "settling":
                 self._announce_settling()
             if len(self.tracker.touches) > self.reported_touches:
                 yield from self._report_touches()
+                self._print_notes()
 
     def _read_sample(self, row: Row) -> tuple[float, dict[str, float]]:
         """Return the time in s and the readings by electrode of a row.
 
-        Readings that are marked as beyond the range of an instrument are missing. `CellError` is
-        raised if the row is malformed or has no time.
+        Readings that are marked as beyond the range of an instrument are missing, and so may be the
+        time. `CellError` is raised if the row is malformed.
         """
         t_s, *readings = self.numbers.read(row)
-        if not math.isfinite(t_s):
-            raise CellError(f"row {row.number} has no time")
         values = [value if math.isfinite(value) else math.nan for value in readings]
         return t_s, dict(zip(self.electrodes, values, strict=True))
 
     def finish(self) -> int:
-        """Print messages about the whole stream on standard error, and return the exit code.
+        """Finish the tracker, report the whole stream on standard error, and return the exit code.
 
-        They are about malformed rows, and about a touch that has not ended or the lack of any
-        touch. If all rows are malformed, the exit code is `ExitCode.BAD_INPUT`.
+        If no row can be used, the exit code is `ExitCode.BAD_INPUT`. If a touch was not located
+        or the baseline was never learned, it is `ExitCode.NOT_CONVERGED`.
         """
+        last = self.tracker.finish()
+        self.write(self._report_touches())
         if self.malformed_rows:
             count = f"{self.malformed_rows} of {self.rows} rows are malformed"
             self._print_message(f"{self.name}: {count} and were skipped")
         words = describe_words(self.numbers)
         if words:
             self._print_message(f"{self.name}: missing readings: {words}")
-        if 0 < self.malformed_rows == self.rows:
+        if self.rows and not self.timed_rows:
+            self._print_message(f"{self.name}: no row has a time and readings; nothing is tracked")
             return ExitCode.BAD_INPUT
-        if self.last_status not in STATUSES_WITHOUT_TOUCH:
-            self._print_message(
-                f"{self.name}: a touch has not ended at the last row ({self.last_status})"
-            )
-        elif not self.reported_touches:
+        self._print_notes()
+        touches = self.tracker.touches
+        unlocated = [touch for touch in touches if touch.status in UNLOCATED_STATUSES]
+        if unlocated:
+            count = f"{len(unlocated)} of {len(touches)} touches were not located"
+            self._print_message(f"{self.name}: {count}{self.unit_doubt}")
+        elif not touches and last.status != "settling":
             self._print_message(f"{self.name}: nothing touches{self.unit_doubt}")
-        return ExitCode.CONVERGED
+        is_incomplete = bool(unlocated) or last.status == "settling"
+        return ExitCode.NOT_CONVERGED if is_incomplete else ExitCode.CONVERGED
+
+    def _print_notes(self) -> None:
+        """Print the notes of the tracker that are new, not only in their numbers."""
+        for note in self.tracker.notes:
+            subject = re.sub(r"\d+", "", note)
+            if subject not in self.printed_notes:
+                self.printed_notes.add(subject)
+                self._print_message(f"{self.name}: {note}")
 
     def _report_malformed_row(self, reason: str) -> None:
         """Count a malformed row, and print a message if it is one of the first."""

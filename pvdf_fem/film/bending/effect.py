@@ -32,17 +32,17 @@ from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 @dataclass(frozen=True)
 class BendingFit:
-    """Factors in the estimated changes of charges by bending, fitted to random scenes.
+    """Factors in the estimated changes of charges due to bending, fitted to random scenes.
 
     They refer to the bending length l, the film's radius a, and the probe's radius b.
     """
 
-    #: Change by bending at the rim divided by l/a, for an electrode close to the probe.
+    #: Change due to bending at the rim divided by l/a, for an electrode close to the probe.
     rim_near_probe: float = 0.4
     #: Added to `rim_near_probe` after multiplication by (r/a)^2, for an electrode at the distance r
     #: from the probe's centroid.
     rim_far_from_probe: float = 4.0
-    #: Change by bending at the probe, divided by l/b for a rigid probe and by (l/b)^2 otherwise.
+    #: Change due to bending at the probe, divided by l/b for a rigid probe, otherwise by (l/b)^2.
     probe: float = 0.4
     #: Minimum of |d31 - d32|/(|d31| + |d32|), to which the effect of a layer on electrodes beside
     #: it is proportional.
@@ -219,7 +219,7 @@ class _LaminateStiffness(NamedTuple):
     offset: float  # distance from the film's mid-plane to the neutral axis in m
 
 
-def _compute_laminate(film: Film, layer: Layer) -> _LaminateStiffness:
+def _compute_laminate_stiffness(film: Film, layer: Layer) -> _LaminateStiffness:
     """Compute the stiffness of a film with a layer on one side, in the stiffest direction."""
     h, h_p = film.thickness, layer.patch.thickness
     A = h * float(film.stiffness[:2, :2].max())
@@ -263,7 +263,7 @@ def _estimate_layer_change(scene: Scene, layer: Layer, press: _PressingLoad) -> 
     """
     film = scene.film
     outline = layer.patch.outline
-    D, A, e = _compute_laminate(film, layer)
+    D, A, e = _compute_laminate_stiffness(film, layer)
     layer_radius = _compute_equivalent_radius(outline)
     r = film.radius
     if press.outline:

@@ -81,7 +81,7 @@ def estimate_missing_fraction(
 
 @dataclass(frozen=True, eq=False)
 class BendingLayers:
-    """Bending forces in the elements of a solution, to estimate the error by bending layers.
+    """Bending forces in the elements of a solution, to estimate the error due to bending layers.
 
     A bending layer is the strip beside an edge in which the slope of the film changes.
     """

@@ -34,7 +34,7 @@ from pvdf_fem.scene.film import Film
 
 @dataclass(frozen=True)
 class Penalty:
-    """Numbers of the penalty tau on jumps of the slope across the edges of elements."""
+    """Parameters of the penalty tau on jumps of the slope across the edges of elements."""
 
     #: tau divided by D_nn times the mean of |e|/area over both sides of the edge e. The form is
     #: positive definite for numbers above 3 with order 3 and above 6 with order 4 (measured, from
@@ -151,7 +151,7 @@ def make_bending_form(
         (double, 0.0),
     )
     for sides, tension in groups:
-        joined = edges.join(sides, tension)
+        joined = edges.join_sides(sides, tension)
         functions = joined.slope_jump.shape[-1]
         nodes = space.nodes[sides % mesh.nelements].reshape(len(sides), functions)
         strains.append(_assemble_rows(nodes, joined.slope_jump, dof_count))
@@ -198,13 +198,12 @@ class _ShapeValues:
         mapping = mesh.mapping()
         inverse = np.linalg.inv(mapping.DF(points).transpose(2, 3, 0, 1))
         gradient = np.matmul(evaluate_shape_gradients(space.basis.elem, points), inverse)
-        corners = mesh.doflocs[:, mesh.dofs.element_dofs]
-        mapping_hessian = np.einsum(
-            "ine,pnjk->epijk", corners, evaluate_shape_hessians(mesh.elem(), points)
-        )
-        second = evaluate_shape_hessians(space.basis.elem, points) - np.einsum(
-            "epfi,epijk->epfjk", gradient, mapping_hessian, optimize=True
-        )
+        # indices: element e, point p, function f, node n, global i, x, y, reference j, k
+        nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
+        node_hessians = evaluate_shape_hessians(mesh.elem(), points)
+        mapping_hessian = np.einsum("ine,pnjk->epijk", nodes, node_hessians)
+        by_mapping = np.einsum("epfi,epijk->epfjk", gradient, mapping_hessian, optimize=True)
+        second = evaluate_shape_hessians(space.basis.elem, points) - by_mapping
         hessian = np.einsum("epjx,epfjk,epky->epfxy", inverse, second, inverse, optimize=True)
         xx, yy, xy = hessian[..., 0, 0], hessian[..., 1, 1], hessian[..., 0, 1]
         return cls(
@@ -293,7 +292,7 @@ class _EdgeValues:
             penalty=np.concatenate([edge.penalty for edge in edges]),
         )
 
-    def join(self, sides: Indices, tension: float) -> _JoinedEdges:
+    def join_sides(self, sides: Indices, tension: float) -> _JoinedEdges:
         """Combine the values on the sides of edges into slope jumps, mean moments and penalties.
 
         D_nn and the quadrature weights of an edge are those of its first side.

@@ -65,7 +65,7 @@ class Laminate:
     law : Law, optional
         Law of the film; by default that of ``film.law``.
     added : UnevenStrain, optional
-        Strain by heat and rim displacements, which is not uniform.
+        Strain due to heat and rim displacements, which is not uniform.
     frame : ndarray, shape (2, 2)
         Orthogonal matrix from the scene's axes to the axes of the space.
     """

@@ -29,7 +29,7 @@ UP: Array = np.array([0.0, 0.0, 1.0])
 
 
 class ProbeLoad(LoadTerm):
-    """A load by a probe: the base of every ``load.kind``.
+    """The load of a probe: the base class of every ``load.kind``.
 
     Parameters
     ----------

@@ -287,7 +287,7 @@ def _read_csv(name: str, content: bytes) -> _GridTable:
     columns.append(choose_column(table, "pressure"))
     chosen = [column for column in columns if column is not None]
     if len(chosen) < len(columns):
-        raise ValueError("the columns x_mm, y_mm and pressure are not all there")
+        raise ValueError("x_mm, y_mm or pressure is missing from the columns")
     numbers = NumberColumns(table, chosen)
     rows = [numbers.read(row) for batch in table.batches for row in batch]
     x, y, values = np.array(rows).reshape(len(rows), len(chosen)).T
@@ -296,5 +296,5 @@ def _read_csv(name: str, content: bytes) -> _GridTable:
     pressure = np.full((len(grid_x), len(grid_y)), np.nan)
     pressure[row_i, row_j] = values
     if not np.isfinite(pressure).all() or pressure.size != len(rows):
-        raise ValueError("the points are not a grid with one finite pressure each")
+        raise ValueError("the points do not form a grid with one finite pressure at each")
     return _GridTable(grid_x, grid_y, pressure)

@@ -20,7 +20,7 @@ class Weight(FilmLoad):
 
 
 def estimate_weight_effect(scene: Scene, gravity_m_s2: float = 9.80665) -> float:
-    """Estimate the largest relative change of a charge by a neglected weight.
+    """Estimate the largest relative change of a charge due to a neglected weight.
 
     Parameters
     ----------

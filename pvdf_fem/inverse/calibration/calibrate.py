@@ -27,7 +27,8 @@ from pvdf_fem.inverse.calibration.fit import CalibrationFit, ReadingNoise
 from pvdf_fem.inverse.calibration.options import DEFAULTS, CalibrateOptions
 from pvdf_fem.inverse.calibration.parameters import select_parameters
 from pvdf_fem.inverse.calibration.reading_model import ReadingModel
-from pvdf_fem.inverse.calibration.touch_table import TouchesError, read_touches
+from pvdf_fem.inverse.calibration.touch_columns import TouchesError
+from pvdf_fem.inverse.calibration.touch_table import read_touches
 from pvdf_fem.inverse.calibration.unit_diagnosis import diagnose_unit
 from pvdf_fem.inverse.clipping import CLIPPED_ADVICE
 from pvdf_fem.inverse.reading_unit import OtherUnit
@@ -132,7 +133,9 @@ def calibrate(
         *_find_invalid_deviation_errors("place_sd", place_sd),
     ]
     if not sigma and not all(absolute_pC):
-        errors.append("sigma = 0: readings have errors; give sigma or noise_pC")
+        errors.append(
+            "sigma = 0: must be positive, since readings have noise; give sigma or noise_pC"
+        )
     if errors:
         raise ValueError("\n".join(errors))
     parameters = select_parameters(scene, unknown, coerce("priors", priors or {}, dict[str, Any]))
@@ -273,7 +276,7 @@ def _find_invalid_deviation_errors(name: str, *values: float) -> Iterator[str]:
     """Yield a message for the first standard deviation that is negative or not finite, if any."""
     for value in values:
         if not 0.0 <= value < np.inf:
-            yield f"{name} = {value:g}: must be a standard deviation; give a number from 0 on"
+            yield f"{name} = {value:g}: is not a standard deviation; give a number of at least 0"
             return
 
 
@@ -338,7 +341,8 @@ def _list_notes(diagnosis: Diagnosis) -> Iterator[str]:
     options = fit.model.options
     forces_N: Array = fit.model.table.forces_N
     if np.ptp(forces_N) == 0.0:
-        yield f"force_N is {forces_N[0]:g} in every row; touches with several forces determine more"
+        constant = f"force_N is {forces_N[0]:g} in every row"
+        yield f"{constant}; touches with different forces determine more parameters"
     for index in np.flatnonzero(fit.pulls > options.max_pull):
         name = fit.model.parameters.names[index]
         distance = f"{fit.pulls[index]:.2g} standard deviations of its prior"

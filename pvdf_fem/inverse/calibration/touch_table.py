@@ -2,44 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.files import read_bytes
-from pvdf_fem.inverse.clipping import CLIPPED_ADVICE, ReadingLimits
-from pvdf_fem.readings.formats import parse_csv
-from pvdf_fem.readings.selection import (
-    ChosenColumn,
-    NumberColumns,
-    choose_quantity,
-    choose_readings,
+from pvdf_fem.inverse.calibration.touch_columns import (
+    TouchColumns,
+    TouchesError,
+    read_touch_columns,
 )
-from pvdf_fem.readings.table import Table, make_table
-from pvdf_fem.readings.text.header import make_name_test
-from pvdf_fem.readings.text.numbers import CellError
+from pvdf_fem.inverse.clipping import CLIPPED_ADVICE, ReadingLimits
 from pvdf_fem.scene.scene import Scene, SceneError
-from pvdf_fem.scene.scene_file import format_error, suggest
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TOUCH_SCENE_KEYS, TouchColumn
 
-MAX_FILE_SIZE = 10_000_000  #: Maximum size of a file in bytes.
 #: A column of readings is constant if its range, relative to its largest value, is not above this.
 CONSTANT_RANGE = 1e-6
 #: Distances from the centre, in radii of the film, that suggest a wrong unit: positions in µm if
 #: the median is above the first, positions in m if the maximum is below the second.
 MICROMETRE_RADII = 2.0
 METRE_RADII = 1e-3
-
-
-class TouchesError(ValueError):
-    """Error in the touches of a calibration; each argument is the line of one error."""
-
-    def __str__(self) -> str:
-        return "\n".join(self.args)
 
 
 class ClippedReading(NamedTuple):
@@ -156,13 +140,15 @@ class TouchTable:
 
 def _describe_clipped(clipped: Sequence[ClippedReading], unit: str) -> Iterator[str]:
     """Yield a note for each electrode with clipped readings, with their rows and limits."""
-    rows: dict[tuple[str, float], list[str]] = {}
+    rows: dict[tuple[str, float, int], list[str]] = {}
     for reading in clipped:
-        rows.setdefault((reading.electrode, reading.limit), []).append(str(reading.row))
-    for (electrode, limit), numbers in sorted(rows.items()):
+        end = (reading.electrode, reading.limit, reading.side)
+        rows.setdefault(end, []).append(str(reading.row))
+    for (electrode, limit, side), numbers in sorted(rows.items()):
         place = f"row{'' if len(numbers) == 1 else 's'} {', '.join(numbers)}"
-        reason = f"{electrode} is clipped at {limit:.6g} {unit}"
-        yield f"{place}: {reason}; the reading is left out; {CLIPPED_ADVICE}"
+        beyond = "or more" if side > 0 else "or less"
+        reason = f"{electrode} is clipped ({limit:.6g} {unit} {beyond})"
+        yield f"{place}: {reason}, and left out; {CLIPPED_ADVICE}"
 
 
 def read_touches(source: Any, scene: Scene, unit: str | None = None) -> TouchTable:
@@ -195,168 +181,44 @@ def read_touches(source: Any, scene: Scene, unit: str | None = None) -> TouchTab
         forces are not positive, or positions are all equal or not on the film; with a line for each
         error.
     """
+    columns = read_touch_columns(source, scene, unit)
     electrodes = [electrode.name for electrode in scene.electrode_list]
-    assert scene.single_probe is not None
-    needs_rotation = bool(scene.single_probe.period_deg)  # A disc has no rotation.
-    needed = [name for name in TOUCH_QUANTITIES if needs_rotation or name != "rotation_deg"]
-    table = _open_table(source, [*TOUCH_QUANTITIES, *electrodes])
-    columns: dict[str, ChosenColumn] = {}
-    for name in TOUCH_QUANTITIES:
-        column = choose_quantity(table, name)
-        if column is not None:
-            columns[name] = column
-    reading_columns, unit = choose_readings(table, electrodes, unit)
-    columns |= reading_columns
-    unused = _list_unused_headings(table, columns)
-    errors = list(_find_missing_column_errors(columns, [*needed, *electrodes], unused))
-    if errors:
-        raise TouchesError(*errors)
-    notes = [f"column {heading}: is not used" for heading in unused]
-    values, errors = _read_rows(table, columns, [*TOUCH_QUANTITIES, *electrodes], notes)
-    if errors:
-        raise TouchesError(*errors)
-    if "rotation_deg" not in columns:
-        values[:, TouchColumn.ROTATION] = 0.0
-    touches = _select_complete_touches(values, electrodes, notes, unit)
+    touches = _select_complete_touches(columns, electrodes)
     errors = [*_find_value_errors(touches, electrodes), *_find_load_errors(touches, scene)]
     if errors:
         raise TouchesError(*errors)
     return touches
 
 
-def _open_table(source: Any, names: Sequence[str]) -> Table:
-    """Return the table of a file, a mapping or a dataframe.
-
-    Parameters
-    ----------
-    source : path, mapping of str to sequence, or table with `columns`
-        The touches.
-    names : sequence of str
-        Names by which the header of a file is found.
-
-    Raises
-    ------
-    TouchesError
-        If columns of a mapping differ in length, or the source has another type.
-    """
-    if isinstance(source, str | Path):
-        content = read_bytes(Path(source), MAX_FILE_SIZE, "a table of touches")
-        return parse_csv(content, str(source), make_name_test(names))
-    headings = source if isinstance(source, Mapping) else getattr(source, "columns", None)
-    if headings is None:
-        reason = "is not a table; give the path of a CSV file, or a dict of columns"
-        raise TouchesError(format_error("touches", source, reason))
-    columns = {str(heading): list(source[heading]) for heading in headings}
-    if len({len(column) for column in columns.values()}) > 1:
-        raise TouchesError("touches: columns differ in length; give a value for every touch")
-    return make_table("touches", columns)
-
-
-def _list_unused_headings(table: Table, columns: Mapping[str, ChosenColumn]) -> list[str]:
-    """Return the headings of a table that are not empty, and not those of chosen columns."""
-    used = {column.index for column in columns.values()}
-    unused = []
-    for index, column in enumerate(table.columns):
-        if index not in used and column.heading:
-            unused.append(column.heading)
-    return unused
-
-
-def _find_missing_column_errors(
-    columns: Collection[str], needed: Sequence[str], unused: Sequence[str]
-) -> Iterator[str]:
-    """Yield a message for each column that is missing, and for each that may have its place.
-
-    Parameters
-    ----------
-    columns : collection of str
-        Names of the columns that were found.
-    needed : sequence of str
-        Names of the columns that are needed.
-    unused : sequence of str
-        Headings of other columns.
-    """
-    missing = [name for name in needed if name not in columns]
-    for name in missing:
-        yield f"column {name}: missing; give {', '.join(needed)}"
-    if missing:
-        for heading in unused:
-            advice = f"remove or rename it: {suggest(heading, missing)}"
-            yield f"column {heading[:40]}: is not expected; {advice}"
-
-
-def _read_rows(
-    table: Table, columns: Mapping[str, ChosenColumn], names: Sequence[str], notes: list[str]
-) -> tuple[Array, list[str]]:
-    """Read the numbers in the rows of a table.
-
-    Parameters
-    ----------
-    table : Table
-        The table.
-    columns : mapping of str to ChosenColumn
-        Columns by name.
-    names : sequence of str
-        Names of the columns of the result.
-    notes : list of str
-        Sentences, to which one is appended about the words in place of numbers.
-
-    Returns
-    -------
-    values : ndarray, shape (rows, names)
-        Numbers; NaN for missing columns, and for cells that are empty or have a word such as OVER.
-    errors : list of str
-        A message for each row that cannot be read.
-    """
-    numbers = NumberColumns(table, list(columns.values()))
-    positions = [names.index(name) for name in columns]
-    values = []
-    errors = []
-    for batch in table.batches:
-        for row in batch:
-            value = np.full(len(names), np.nan)
-            try:
-                value[positions] = numbers.read(row)
-            except CellError as error:
-                errors.append(str(error))
-            values.append(value)
-    for (heading, word), count in numbers.words.items():
-        if word.lower() != "nan":
-            notes.append(f"column {heading}: {count} cells have {word}, no number")
-    array = np.array(values).reshape(len(values), len(names))
-    array[np.isinf(array)] = np.nan
-    return array, errors
-
-
-def _select_complete_touches(
-    values: Array, electrodes: Sequence[str], notes: Sequence[str], unit: str | None
-) -> TouchTable:
+def _select_complete_touches(columns: TouchColumns, electrodes: Sequence[str]) -> TouchTable:
     """Return the touches that have a position, a force and at least one reading.
 
     Parameters
     ----------
-    values : ndarray, shape (rows, 4 + electrodes)
-        Probe loads and readings; NaN where missing.
+    columns : TouchColumns
+        The numbers of all rows. Notes about rows and readings that are left out are added to its
+        notes.
     electrodes : sequence of str
         Names of the electrodes.
-    notes : sequence of str
-        Notes of the table; those about rows and readings that are left out are added.
-    unit : str or None
-        Unit of the readings, if it is known.
     """
-    probe_loads = values[:, : len(TOUCH_QUANTITIES)]
-    readings = values[:, len(TOUCH_QUANTITIES) :]
+    probe_loads = columns.values[:, : len(TOUCH_QUANTITIES)]
+    readings = columns.values[:, len(TOUCH_QUANTITIES) :]
     has_load = np.isfinite(probe_loads).all(axis=1)
     has_reading = np.isfinite(readings).any(axis=1)
     is_used = has_load & has_reading
-    rows = np.arange(1, len(values) + 1)
+    rows = np.arange(1, len(readings) + 1)
     left_out = [f"row {row}: has no position, force or reading; left out" for row in rows[~is_used]]
     is_missing = np.isnan(readings)
     is_missing[~is_used] = False
     for row, column in np.argwhere(is_missing):
         left_out.append(f"row {rows[row]}: has no reading of {electrodes[column]}; left out")
-    all_notes = (*left_out, *notes)
-    return TouchTable(rows[is_used], probe_loads[is_used], readings[is_used], all_notes, unit)
+    return TouchTable(
+        rows[is_used],
+        probe_loads[is_used],
+        readings=readings[is_used],
+        notes=(*left_out, *columns.notes),
+        unit=columns.unit,
+    )
 
 
 def _find_value_errors(table: TouchTable, electrodes: Sequence[str]) -> Iterator[str]:
@@ -365,7 +227,8 @@ def _find_value_errors(table: TouchTable, electrodes: Sequence[str]) -> Iterator
     With fewer than two touches, yield only a message that says so.
     """
     if len(table) < 2:
-        yield f"touches: {len(table)} complete rows; give more touches than unknown parameters"
+        rows = "1 complete row" if len(table) else "no complete row"
+        yield f"touches: {rows}; give more touches than unknown parameters"
         return
     for name, column in zip(electrodes, table.readings.T, strict=True):
         measured = column[np.isfinite(column)]

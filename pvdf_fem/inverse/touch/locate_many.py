@@ -107,6 +107,7 @@ def locate_many(
     response = as_response(response)
     columns = _read_columns(response, readings)
     calibrated = coerce("calibrated", calibrated, bool)
+    limits = coerce("limits", limits, dict[str, tuple[float, float]] | None)
     if unit is None:
         unit = get_reading_unit(response.scene)
     errors = list(
@@ -338,7 +339,8 @@ def _read_columns(
         names = tuple(response.names)
         rows = _convert_values_to_floats(readings, "readings")
         if rows.ndim != 2 or rows.shape[1] != len(names):
-            raise ValueError(f"readings of shape {rows.shape}: must be (n, {len(names)})")
+            reason = f"must be (rows, {len(names)}), a column for each electrode"
+            raise ValueError(f"readings of shape {rows.shape}: {reason}")
         return _ReadingColumns(names, rows)
     by_name: Any = readings  # a mapping or a DataFrame, which has keys, too
     columns = {

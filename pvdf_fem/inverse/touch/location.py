@@ -33,7 +33,7 @@ class Explanation(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Location(Result):
-    """All likely touches for measured charges; each touch is by one probe or by two at once."""
+    """All likely touches for measured charges; each is a touch of one probe or of two."""
 
     #: The touches, with the lowest chi-square first; without degrees of freedom those that explain
     #: the charges first, and then by weight. Empty if no search converged.
@@ -220,7 +220,7 @@ class Location(Result):
             reason = f"{charges} not determine {', '.join(self.unknown)}"
             if self.clipped:
                 return (f"{clipped}; the other {reason}; {CLIPPED_ADVICE}",)
-            return (f"undetermined: {reason}; read more electrodes, or fix more quantities",)
+            return (f"undetermined: {reason}; use more electrodes, or fix more quantities",)
         notes = self._format_explanations()
         if self.clipped:
             notes.append(f"{clipped}: the readings are limits, not values; {CLIPPED_ADVICE}")

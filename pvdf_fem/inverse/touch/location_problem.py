@@ -402,14 +402,14 @@ class LocationProblem:
         """Distances along each coordinate below which searches lead to one minimum; shape (k,)."""
         return MERGE_DISTANCE * self.longest_steps
 
-    @property
+    @cached_property
     def is_limit(self) -> Mask:
         """Whether each charge is a limit instead of a value; shape (rows, electrodes)."""
         if self.limit_sides is None:
             return np.zeros(self.charges_pC.shape, dtype=bool)
         return np.asarray(self.limit_sides != 0)
 
-    @property
+    @cached_property
     def is_clipped(self) -> Mask:
         """Whether each charge is a limit since its reading is clipped; shape (rows, electrodes)."""
         return np.asarray(self.is_limit & np.isfinite(self.charges_pC))

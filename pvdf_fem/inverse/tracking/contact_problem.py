@@ -10,7 +10,6 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.inverse.calibration_errors import CalibrationErrors
-from pvdf_fem.inverse.least_squares import SearchOptions, run_levenberg_marquardt
 from pvdf_fem.inverse.touch.location import MIN_ALTERNATIVE_WEIGHT
 from pvdf_fem.inverse.touch.location_problem import (
     SEARCH_MARGIN,
@@ -20,14 +19,11 @@ from pvdf_fem.inverse.touch.location_problem import (
 from pvdf_fem.inverse.touch.measurement import compute_unloaded_charges
 from pvdf_fem.inverse.touch.search import DEFAULT_OPTIONS, make_location, search_everywhere
 from pvdf_fem.inverse.touch.touch import Touch
-from pvdf_fem.inverse.tracking.charge_sample import ChargeSample
+from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.surrogate.charge_function import ChargeFunction
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
-
-#: The force changes little between samples, so that few steps from its last value suffice.
-FORCE_SEARCH = SearchOptions(max_steps=8, chi_square_tolerance=np.inf, step_tolerance=0.05)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,18 +130,11 @@ class ContactProblem(LocationProblem):
         charges (`TrackOptions.sampling_skew`).
         """
         measured = np.flatnonzero(sample.is_measured)
-        charges_pC = (self.unloaded_pC + sample.charges_pC)[None, measured]
-        # The error of the response is assumed to be uniformly distributed within its bound ±b.
-        response_error = self.response.error_bound / math.sqrt(3.0)
-        sampling_deviation = math.sqrt(sample.sampling_variance)
-        skew = self.options.sampling_skew * sampling_deviation * sample.direction[measured]
-        variance = sample.variance[measured]
-        variance = variance + np.square(response_error * charges_pC) + np.square(skew)
         return replace(
             self,
             electrodes=measured,
-            charges_pC=charges_pC,
-            deviations_pC=np.sqrt(variance),
+            charges_pC=(self.unloaded_pC + sample.charges_pC)[None, measured],
+            deviations_pC=np.sqrt(self.compute_variance(sample))[None, measured],
             unknown=unknown,
             calibration=self._select_calibration(sample, measured),
         )
@@ -158,6 +147,18 @@ class ContactProblem(LocationProblem):
             return None
         signals_pC = sample.charges_pC[None, measured]
         return self.calibration.select_electrodes(measured).with_signals(signals_pC)
+
+    def compute_variance(self, sample: ChargeSample) -> Array:
+        """Compute the variances of the charges of a sample in pC², shape (electrodes,).
+
+        See the notes of `with_sample`.
+        """
+        charges_pC = self.unloaded_pC + sample.charges_pC
+        # The error of the response is assumed to be uniformly distributed within its bound ±b.
+        response_error = self.response.error_bound / math.sqrt(3.0)
+        sampling_deviation = math.sqrt(sample.sampling_variance)
+        skew = self.options.sampling_skew * sampling_deviation * sample.direction
+        return sample.variance + np.square(response_error * charges_pC) + np.square(skew)
 
     @property
     def log_force_range(self) -> tuple[float, float]:
@@ -211,26 +212,9 @@ class ContactProblem(LocationProblem):
             film_effects = growth[:, :, None] * film_effects
         return ChargeResiduals(system, film_effects)
 
-    def fit_force(self, coordinates: Array, sample: ChargeSample) -> tuple[Array, float]:
-        """Fit the force of a touch with fixed position and rotation to the charges of a sample.
-
-        Parameters
-        ----------
-        coordinates : ndarray, shape (4,)
-            Position, rotation and initial guess of the logarithm of the force.
-        sample : ChargeSample
-            Charges to fit.
-
-        Returns
-        -------
-        coordinates : ndarray, shape (4,)
-            Coordinates with the fitted logarithm of the force.
-        chi_square : float
-            Chi-square of the charges after the fit.
-        """
-        problem = self.with_sample(sample, np.array([TouchColumn.FORCE]))
-        end = run_levenberg_marquardt(problem, coordinates[None], options=FORCE_SEARCH)
-        return end.coordinates[0], float(end.chi_square[0])
+    def is_determined_by(self, sample: ChargeSample) -> bool:
+        """Return whether a sample has enough measured channels for the unknown coordinates."""
+        return self.with_sample(sample, self.unknown).is_determinable
 
     def locate(self, sample: ChargeSample) -> CandidateTouches | None:
         """Find the touches that fit the charges of a sample best, even if none explains them.

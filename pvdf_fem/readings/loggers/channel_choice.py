@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from pvdf_fem.files import FileError
-from pvdf_fem.readings.loggers.logger_reader import TIME_NAMES, LoggerChannel, LoggerReader
+from pvdf_fem.readings.loggers.logger_reader import LoggerChannel, LoggerReader
 
 #: Keys of a choice that name the channel of times, with the unit of the times.
 TIME_KEYS = {"t_s": "s", "t_ms": "ms", "t_us": "µs", "t_ns": "ns"}
@@ -14,7 +14,7 @@ MAX_LISTED = 24
 
 
 def parse_channel_choice(text: str) -> dict[str, str]:
-    """Parse the names of channels by electrodes.
+    """Parse a choice of channels, and return their names by electrode.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def choose_channels(
                 chosen[electrode] = find_channel(reader, choice[electrode])
     else:
         for electrode in electrodes:
-            if any(_has_name(channel, electrode) for channel in channels):
+            if has_channel(reader, electrode):
                 chosen[electrode] = find_channel(reader, electrode)
     if not chosen:
         chosen = _choose_by_number(reader, channels, electrodes)
@@ -89,9 +89,6 @@ def choose_channels(
             f"{reader.path}: has no channels named {names}; {_list_channels(channels)}; "
             f"give such as --channels {_suggest_choice(channels, electrodes)}"
         )
-    missing = [electrode for electrode in electrodes if electrode not in chosen]
-    if missing:
-        reader.notes.append(f"has no channel for {', '.join(missing)}")
     return chosen
 
 
@@ -106,8 +103,10 @@ def find_channel(reader: LoggerReader, address: str) -> LoggerChannel:
     channels = reader.list_channels()
     found = [channel for channel in channels if channel.address == address]
     found = found or [channel for channel in channels if _has_name(channel, address)]
-    if not found:
-        found = [c for c in channels if c.address.lower().endswith(f"/{address.lower()}")]
+    if len(found) > 1 or not found:
+        ending = f"/{address}"
+        exact = [channel for channel in channels if channel.address.endswith(ending)]
+        found = exact or found
     if len(found) == 1:
         return found[0]
     if found:
@@ -117,16 +116,23 @@ def find_channel(reader: LoggerReader, address: str) -> LoggerChannel:
     raise FileError(f"{reader.path}: has no channel {address}; {_list_channels(channels)}")
 
 
+def has_channel(reader: LoggerReader, name: str) -> bool:
+    """Return whether a file has at least one channel with a name."""
+    return any(_has_name(channel, name) for channel in reader.list_channels())
+
+
 def _has_name(channel: LoggerChannel, name: str) -> bool:
-    """Return whether a channel has a name, in upper or lower case."""
-    return name.lower() in (channel.name.lower(), channel.address.lower())
+    """Return whether a channel has a name, in upper or lower case, or the name with a unit."""
+    column = channel.column
+    names = (channel.address, column.heading, column.name)
+    return name.casefold() in [candidate.casefold() for candidate in names]
 
 
 def _choose_by_number(
     reader: LoggerReader, channels: Sequence[LoggerChannel], electrodes: Sequence[str]
 ) -> dict[str, LoggerChannel]:
     """Return channels in the order of electrodes if they have numbers instead of names."""
-    numbered = [channel for channel in channels if channel.name.isdecimal()]
+    numbered = [channel for channel in channels if channel.column.name.isdecimal()]
     groups = {channel.group for channel in numbered}
     if len(numbered) != len(electrodes) or len(groups) > 1:
         return {}
@@ -137,7 +143,7 @@ def _choose_by_number(
 
 
 def _list_channels(channels: Sequence[LoggerChannel]) -> str:
-    """Return the words of a message about the channels that a file has."""
+    """Describe the channels that a file has, for an error message."""
     if not channels:
         return "it has no channels with numbers"
     listed = []
@@ -149,8 +155,8 @@ def _list_channels(channels: Sequence[LoggerChannel]) -> str:
 
 
 def _suggest_choice(channels: Sequence[LoggerChannel], electrodes: Sequence[str]) -> str:
-    """Return a choice that could be typed, with channels in the order of the file."""
-    candidates = [channel for channel in channels if channel.name.lower() not in TIME_NAMES]
+    """Return an example of a choice to type, with channels in the order of the file."""
+    candidates = [channel for channel in channels if not channel.is_time]
     pairs = zip(electrodes, candidates, strict=False)
     listed = ",".join(f"{name}={channel.address}" for name, channel in pairs)
     if any(character in listed for character in " '\"#;&|<>()$*?"):

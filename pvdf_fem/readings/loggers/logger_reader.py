@@ -13,26 +13,11 @@ from typing import Any, ClassVar, NamedTuple
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import FileError
+from pvdf_fem.readings.columns import Column, parse_heading
+from pvdf_fem.readings.times import TIME_NAMES
 
 #: Samples of a block. A block of four channels has 2 MB, and takes the tracker a few seconds.
 BLOCK_SAMPLES = 65_536
-
-#: Names of channels that have the times of other channels, with the unit that a name implies.
-TIME_NAMES = {
-    "t": "",
-    "t_s": "s",
-    "t_ms": "ms",
-    "t_us": "µs",
-    "t_ns": "ns",
-    "time": "",
-    "times": "",
-    "time_s": "s",
-    "time_ms": "ms",
-    "time_us": "µs",
-    "time_ns": "ns",
-    "timestamp": "",
-    "timestamps": "",
-}
 
 
 class SampleClock(NamedTuple):
@@ -67,9 +52,14 @@ class LoggerChannel:
         return self.address.rpartition("/")[0]
 
     @property
-    def name(self) -> str:
-        """The last part of the address."""
-        return self.address.rpartition("/")[2]
+    def column(self) -> Column:
+        """The last part of the address, which may have a unit like the heading of a table."""
+        return parse_heading(self.address.rpartition("/")[2])
+
+    @property
+    def is_time(self) -> bool:
+        """Whether the channel has the name of a time, such as ``t_s`` or ``Time (ms)``."""
+        return self.column.name.casefold() in TIME_NAMES
 
 
 class LoggerReader(ABC):
@@ -103,7 +93,7 @@ class LoggerReader(ABC):
     @classmethod
     @abstractmethod
     def is_recognised(cls, head: bytes) -> bool:
-        """Return whether a file with these first bytes has this format."""
+        """Return whether a file that begins with these bytes has this format."""
 
     @abstractmethod
     def list_channels(self) -> list[LoggerChannel]:
@@ -128,13 +118,12 @@ class LoggerReader(ABC):
     def find_time_channel(self, channels: Sequence[LoggerChannel]) -> LoggerChannel | None:
         """Return the channel that has the times of other channels, or None if there is none.
 
-        This is the channel of the same group that is named like a time, see `TIME_NAMES`.
+        This is the channel of the same group that is named like a time.
         """
         groups = {channel.group for channel in channels}
         for candidate in self.list_channels():
-            if candidate.group in groups and candidate.name.lower() in TIME_NAMES:
-                unit = candidate.unit or TIME_NAMES[candidate.name.lower()]
-                return LoggerChannel(candidate.address, unit)
+            if candidate.group in groups and candidate.is_time:
+                return candidate
         return None
 
     def import_package(self, module: str) -> Any:
@@ -153,5 +142,5 @@ class LoggerReader(ABC):
             raise FileError(f"{self.path}: {reason}; {advice}") from None
 
     def make_error(self, reason: str) -> FileError:
-        """Return an error about the file."""
+        """Make an error about the file."""
         return FileError(f"{self.path}: {reason}")

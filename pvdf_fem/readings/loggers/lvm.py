@@ -25,6 +25,8 @@ END_OF_HEADER = "***End_of_Header***"
 START_OF_TEXT = "***Start_Special***"  #: Begins texts of other programs, which are skipped.
 END_OF_TEXT = "***End_Special***"
 TIME_ADDRESS = "X_Value"  #: Heading of columns with times, and address of the channel of times.
+#: Beginnings of the first line of a segment.
+STARTS_OF_SEGMENT = ("Channels", TIME_ADDRESS, START_OF_TEXT)
 SEPARATORS = {"Tab": "\t", "Comma": ",", "Semicolon": ";"}
 #: Larger times are counted from 1904, as those of ``Time_Pref Absolute`` may be.
 ABSOLUTE_TIME_S = 1e9
@@ -80,8 +82,17 @@ class LvmReader(LoggerReader):
 
     @classmethod
     def is_recognised(cls, head: bytes) -> bool:
-        """Return whether a file begins with the name of the format."""
-        return head.removeprefix(codecs.BOM_UTF8).startswith(b"LabVIEW Measurement")
+        """Return whether a file begins with the name of the format, and goes on with a segment.
+
+        A table of another program may follow the header of a file; it is not LVM.
+        """
+        text = head.removeprefix(codecs.BOM_UTF8).decode("latin-1")
+        if not text.startswith("LabVIEW Measurement"):
+            return False
+        rest = text.partition(END_OF_HEADER)[2]
+        lines = [line.strip() for line in rest.splitlines() if line.strip()]
+        has_segment = not lines or lines[0].startswith(STARTS_OF_SEGMENT)
+        return has_segment or END_OF_HEADER in rest
 
     def list_channels(self) -> list[LoggerChannel]:
         """Return the channels of the first segment, with their units."""
@@ -115,7 +126,7 @@ class LvmReader(LoggerReader):
     def read_columns(self, addresses: Sequence[str]) -> Iterator[list[Array]]:
         """Yield blocks of samples of several channels, see `LoggerReader.read_columns`.
 
-        The file can be read once. Each segment begins a block.
+        The file can be read only once. A new block begins at each segment.
         """
         segment: _Segment | None = self.first_segment
         while segment is not None:
@@ -137,9 +148,9 @@ class LvmReader(LoggerReader):
             segment = self._read_segment(next_header)
 
     def _read_segment(self, first_line: str) -> _Segment | None:
-        """Read the header of a segment and the headings; None at the end of the file.
+        """Read the header of a segment and its headings; return None at the end of the file.
 
-        A file without headers of segments has the headings only.
+        A file whose segments have no header has only the headings.
         """
         if not first_line:
             return None
@@ -212,7 +223,7 @@ class LvmReader(LoggerReader):
 
 
 def _is_text(cell: str) -> bool:
-    """Return whether the first cell of a line is a text, so that the line is one of a header."""
+    """Return whether the first cell of a line is a text, so that the line belongs to a header."""
     text = cell.strip().replace(",", ".")
     if not text:
         return False
@@ -244,7 +255,7 @@ def _read_lines(stream: BinaryIO) -> Iterator[str]:
 
 
 def _read_header(lines: Iterator[str], separator: str) -> dict[str, list[str]]:
-    """Read the lines of a header up to its end, and return their cells by their first cell."""
+    """Read a header to its end, and return the cells of each line by its first cell."""
     keys: dict[str, list[str]] = {}
     for line in lines:
         if line.startswith(END_OF_HEADER):

@@ -16,6 +16,7 @@ from pvdf_fem.readings.loggers.channel_choice import (
     TIME_KEYS,
     choose_channels,
     find_channel,
+    has_channel,
 )
 from pvdf_fem.readings.loggers.logger_reader import LoggerChannel, LoggerReader, SampleClock
 from pvdf_fem.readings.loggers.registry import open_reader
@@ -29,7 +30,7 @@ SAME_INTERVAL = 1e-9
 
 @dataclass(frozen=True)
 class RecordingOptions:
-    """What a file does not tell about a recording.
+    """Properties of a recording that its file does not contain.
 
     Parameters
     ----------
@@ -40,11 +41,17 @@ class RecordingOptions:
         Sampling rate of a file without times.
     full_scale_V : mapping of str to float
         Voltages by electrodes of a sample of 1 in a sound file.
+    needs_times : bool
+        Whether a file without times is refused.
+    quantities : sequence of str
+        Names of further channels, such as ``force_N``, that are read if the file has them.
     """
 
     channels: Mapping[str, str] = field(default_factory=dict)
     rate_Hz: float | None = None
     full_scale_V: Mapping[str, float] = field(default_factory=dict)
+    needs_times: bool = True
+    quantities: Sequence[str] = ()
 
 
 def open_recording(
@@ -79,6 +86,9 @@ def open_recording(
     if reader is None:
         return None
     chosen = choose_channels(reader, electrodes, options.channels)
+    for name in options.quantities:
+        if has_channel(reader, name):
+            chosen[name] = find_channel(reader, name)
     channels = list(chosen.values())
     scales = _find_scales(reader, chosen, options)
     time_channel = _find_stamps(reader, channels, options)
@@ -90,15 +100,23 @@ def open_recording(
         clock = _find_clock(reader, channels, options)
         blocks = _read_clocked(reader, channels, clock, scales)
         start = clock.start
-        rate_Hz = 1.0 / clock.interval_s
+        rate_Hz = None if math.isnan(clock.interval_s) else 1.0 / clock.interval_s
     columns = tuple(_make_column(reader, name, channel) for name, channel in chosen.items())
-    return Recording(str(path), columns, blocks, start, rate_Hz, reader.notes)
+    return Recording(
+        name=str(path),
+        columns=columns,
+        blocks=blocks,
+        has_times=time_channel is not None or rate_Hz is not None,
+        start=start,
+        rate_Hz=rate_Hz,
+        notes=reader.notes,
+    )
 
 
 def _find_scales(
     reader: LoggerReader, chosen: Mapping[str, LoggerChannel], options: RecordingOptions
 ) -> Array:
-    """Return the factors of the samples of each channel: full scales in V, or 1."""
+    """Return the factor of the samples of each channel: its full scale in V, or 1."""
     if not reader.has_fractions:
         return np.ones(len(chosen))
     missing = [name for name in chosen if name not in options.full_scale_V]
@@ -123,7 +141,8 @@ def _find_stamps(
             return LoggerChannel(find_channel(reader, options.channels[key]).address, unit)
     has_clock = all(channel.clock is not None for channel in channels)
     stamps = None if has_clock else reader.find_time_channel(channels)
-    if stamps is None and options.rate_Hz is None and not has_clock:
+    is_known = stamps is not None or options.rate_Hz is not None or has_clock
+    if options.needs_times and not is_known:
         reason = "has neither times nor a rate"
         raise reader.make_error(f"{reason}; give it by --rate HZ, or times by --channels t_s=NAME")
     if options.rate_Hz is not None and (stamps is not None or has_clock):
@@ -134,10 +153,15 @@ def _find_stamps(
 def _find_clock(
     reader: LoggerReader, channels: Sequence[LoggerChannel], options: RecordingOptions
 ) -> SampleClock:
-    """Return the clock that all channels share, or that of the rate in the options."""
+    """Return the clock that all channels share, or that of the rate in the options.
+
+    Its interval is NaN if neither is known.
+    """
     if options.rate_Hz is not None:
         return SampleClock(1.0 / options.rate_Hz)
     clocks = [channel.clock for channel in channels if channel.clock is not None]
+    if len(clocks) < len(channels):
+        return SampleClock(math.nan)
     first = clocks[0]
     for channel, clock in zip(channels, clocks, strict=True):
         same_interval = math.isclose(
@@ -155,7 +179,7 @@ def _find_clock(
 
 
 def _compute_delay(first: SampleClock, other: SampleClock) -> float:
-    """Return by how many seconds the first sample of another clock is later."""
+    """Return how many seconds later the first sample of another clock is."""
     delay_s = other.first_s - first.first_s
     if first.start is not None and other.start is not None:
         delay_s += (other.start - first.start).total_seconds()
@@ -175,7 +199,7 @@ def _read_stamped(
     FileError
         If the unit of the stamps is not known, unless they turn out to be dates.
     """
-    unit = parse_unit(stamps.unit)
+    unit = parse_unit(stamps.unit) if stamps.unit else stamps.column.unit
     is_time = unit is not None and unit.quantity == "time"
 
     def read_blocks() -> Iterator[SampleBlock]:
@@ -219,7 +243,9 @@ def _stack_columns(columns: Sequence[Array], scales: Array) -> Array:
 
 def _make_column(reader: LoggerReader, electrode: str, channel: LoggerChannel) -> Column:
     """Return the column of an electrode; a note says so if its unit is not known."""
-    unit: Unit | None = UNITS["V"] if reader.has_fractions else parse_unit(channel.unit)
+    unit: Unit | None = parse_unit(channel.unit) if channel.unit else channel.column.unit
+    if reader.has_fractions:
+        unit = UNITS["V"]
     if unit is None and channel.unit:
         reader.notes.append(
             f"the unit {channel.unit!r} of {channel.address} is not known; its samples are read "

@@ -43,7 +43,7 @@ class StampConverter:
         return np.asarray(self.unit.scale * (stamps - self._origin).astype(float))
 
     def _set_origin(self, stamps: Array) -> None:
-        """Set the origin of times by the first stamp that is not missing."""
+        """Set the origin of times to the first stamp that is not missing."""
         if stamps.dtype.kind == "M":
             present = stamps[~np.isnat(stamps)]
             self._origin = present[0] if len(present) else np.datetime64(0, "ns")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import re
+import struct
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from datetime import UTC, datetime
@@ -19,6 +21,17 @@ from pvdf_fem.readings.loggers.logger_reader import (
     LoggerReader,
     SampleClock,
 )
+
+#: Head of a segment: tag, contents, version, length without this head, length of the metadata.
+LEAD_IN = struct.Struct("<4sIIQQ")
+BIG_ENDIAN = 1 << 6  #: Bit of the contents of segments that LabVIEW does not write on PCs.
+UNFINISHED = 2**64 - 1  #: Length of the last segment of a recording that was cut off.
+#: The property with the time of the first sample, of type 0x44, a time stamp of 16 bytes.
+START_TIME = re.compile(rb"wf_start_time\x44\0\0\0(.{16})", re.DOTALL)
+#: Largest number of blocks of a file. npTDMS reads a whole segment to return a part of it, and a
+#: file that was defragmented has one segment: 20 million samples of four channels take 314 s in
+#: blocks of 65,536 samples, and 34 s in 32 blocks.
+MAX_BLOCKS = 32
 
 
 class TdmsReader(LoggerReader):
@@ -43,6 +56,12 @@ class TdmsReader(LoggerReader):
         except Exception as error:  # npTDMS raises errors of struct, too
             raise self.make_error(f"cannot be read as TDMS ({error})") from None
         self.channels = self._list_numeric_channels()
+        starts = _count_starts(path)
+        if starts > 1:
+            self.notes.append(
+                f"its parts have {starts} values of wf_start_time, of which the last is known: "
+                "pauses between the parts are not in the times"
+            )
 
     @classmethod
     def is_recognised(cls, head: bytes) -> bool:
@@ -50,7 +69,7 @@ class TdmsReader(LoggerReader):
         return head[:4] == b"TDSm"
 
     def list_channels(self) -> list[LoggerChannel]:
-        """Return the channels with numbers or times, with unit and clock by their properties."""
+        """Return the channels with numbers or times; unit and clock come from their properties."""
         described = []
         for address, channel in self.channels.items():
             properties = channel.properties
@@ -74,8 +93,9 @@ class TdmsReader(LoggerReader):
                 f"{longest} has {max(lengths)} samples and {shortest} {count}: the first {count} "
                 "of each are read"
             )
-        for start in range(0, count, BLOCK_SAMPLES):
-            length = min(BLOCK_SAMPLES, count - start)
+        block_samples = max(BLOCK_SAMPLES, count // MAX_BLOCKS)
+        for start in range(0, count, block_samples):
+            length = min(block_samples, count - start)
             yield [np.asarray(channel.read_data(start, length)) for channel in channels]
 
     def _list_numeric_channels(self) -> dict[str, Any]:
@@ -88,6 +108,29 @@ class TdmsReader(LoggerReader):
         if self.file.file_status.incomplete_final_segment:
             self.notes.append("the last segment is incomplete: the recording was cut off")
         return channels
+
+
+def _count_starts(path: Path) -> int:
+    """Return the number of different values of ``wf_start_time`` in the segments of a file.
+
+    A property of a channel has one value in npTDMS, that of the last segment, so that the segments
+    are searched for the name of the property with its type and value.
+    """
+    values = set()
+    size = path.stat().st_size
+    with open_regular_file(path, "a TDMS file") as stream:
+        place = 0
+        while place + LEAD_IN.size <= size:
+            stream.seek(place)
+            _, contents, _, length, metadata_length = LEAD_IN.unpack(stream.read(LEAD_IN.size))
+            if contents & BIG_ENDIAN or metadata_length > size:
+                break
+            for found in START_TIME.finditer(stream.read(metadata_length)):
+                values.add(found[1])
+            if length == UNFINISHED:
+                break
+            place += LEAD_IN.size + length
+    return len(values)
 
 
 def _find_scaled_unit(properties: Any) -> str:

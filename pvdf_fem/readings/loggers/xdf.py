@@ -117,7 +117,7 @@ def _list_labels(stream: Any) -> list[tuple[str, str]]:
 
 
 def _list_children(elements: Any, name: str) -> list[Any]:
-    """Return the children with a name of elements of XML, as pyxdf converts it."""
+    """Return the children of an XML element that have a name, as pyxdf converts them."""
     children: list[Any] = []
     for element in elements or []:
         if isinstance(element, dict):
@@ -126,6 +126,6 @@ def _list_children(elements: Any, name: str) -> list[Any]:
 
 
 def _get_text(element: Any, name: str) -> str:
-    """Return the text of the child with a name of an element, or an empty text."""
+    """Return the text of the child of an element that has a name, or an empty text."""
     texts = element.get(name) if isinstance(element, dict) else None
     return str(texts[0] or "").strip() if texts else ""

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from pvdf_fem.files import FileError
 from pvdf_fem.readings.columns import Column
 from pvdf_fem.readings.table import Batches, OpenAgain, Row, Table
 from pvdf_fem.readings.text.header import Header, HeaderSearch, IsWanted
 from pvdf_fem.readings.text.lines import read_lines
-from pvdf_fem.readings.text.numbers import NumberReader
+from pvdf_fem.readings.text.numbers import MAX_QUOTED, NumberReader
 from pvdf_fem.readings.text.separators import (
-    COMMENT_MARKERS,
     SEPARATOR_NAMES,
     drop_empty_end,
     find_comment_text,
     split_cells,
 )
+
+#: Characters with which a line of comment may begin.
+_FIRST_OF_COMMENT = ("#", "%", "/", " ", "\t")
+#: Number of lines of a file that are searched for a better header.
+LINES_AHEAD = 50
 
 
 def open_csv_table(
@@ -47,14 +51,14 @@ def open_csv_table(
         If a column occurs twice.
     """
     lines = read_lines(stream, name)
-    header, first_lines = _find_header(lines, name, is_wanted)
+    header, first_lines, notes = _find_header(lines, name, is_wanted, open_again is not None)
     _require_distinct_headings(header.columns, name)
     parser = _RowParser(header)
 
     def reopen() -> Batches:
         assert open_again is not None
         with open_again() as copy:
-            yield from open_csv_table(copy, name, is_wanted).batches
+            yield from open_csv_table(copy, name, is_wanted, open_again).batches
 
     return Table(
         name,
@@ -62,21 +66,52 @@ def open_csv_table(
         batches=_parse_batches(parser, first_lines, lines),
         numbers=NumberReader("." if header.separator == "," else ""),
         reopen=reopen if open_again else None,
+        notes=notes,
     )
 
 
+class _FoundHeader(NamedTuple):
+    """The header of a table, with the lines that were read together with it."""
+
+    header: Header
+    lines: list[str]  #: Lines of the first rows.
+    notes: list[str]  #: Sentences about lines that are not read, and unknown units.
+
+
 def _find_header(
-    lines: Iterator[list[str]], name: str, is_wanted: IsWanted
-) -> tuple[Header, list[str]]:
-    """Return the header of a table, and the lines of rows that were read with it."""
+    lines: Iterator[list[str]], name: str, is_wanted: IsWanted, is_file: bool
+) -> _FoundHeader:
+    """Find the header of a table.
+
+    In a file, `LINES_AHEAD` more lines are searched for one with more of the wanted names: above it
+    there may be a table of ranges or gains of the channels.
+
+    Parameters
+    ----------
+    lines : iterator of list of str
+        Lines of the table.
+    name : str
+        Name of the table, for messages.
+    is_wanted : callable
+        Whether a column has a wanted name.
+    is_file : bool
+        Whether lines can be read in advance.
+    """
     search = HeaderSearch(name, is_wanted)
     for batch in lines:
         for index, line in enumerate(batch):
             header = search.add(line)
-            if header is not None:
-                return header, search.lines + batch[index + 1 :]
+            if header is None:
+                continue
+            rest = batch[index + 1 :]
+            for ahead, later in enumerate(rest[:LINES_AHEAD] if is_file else []):
+                if search.is_surpassed_by(later):
+                    found = _find_header(iter([rest[ahead:]]), name, is_wanted, is_file)
+                    note = f"lines above the header {later.strip()[:MAX_QUOTED]} are not read"
+                    return found._replace(notes=[note, *found.notes])
+            return _FoundHeader(header, search.lines + rest, search.notes)
     header = search.finish()
-    return header, search.lines
+    return _FoundHeader(header, search.lines, search.notes)
 
 
 def _require_distinct_headings(columns: tuple[Column, ...], name: str) -> None:
@@ -112,7 +147,7 @@ class _RowParser:
         separator = self.separator
         is_plain = separator != " "
         for line in lines:
-            if line.startswith(COMMENT_MARKERS) and find_comment_text(line) is not None:
+            if line[:1] in _FIRST_OF_COMMENT and find_comment_text(line) is not None:
                 continue
             self.number += 1
             if is_plain and '"' not in line:
@@ -129,7 +164,7 @@ class _RowParser:
         return rows
 
     def _describe_defect(self, cells: list[str]) -> str:
-        """Return the reason why a row has too few or too many cells; an empty text if it has not.
+        """Say whether a row has too few or too many cells; return an empty text if neither.
 
         The cells are those without empty ones at the end.
         """

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 from pvdf_fem.readings.columns import Column, add_units, parse_heading, parse_unit_row
-from pvdf_fem.readings.text.numbers import has_number
+from pvdf_fem.readings.text.numbers import MAX_QUOTED, has_number
 from pvdf_fem.readings.text.separators import (
     SEPARATORS,
     drop_empty_end,
@@ -15,12 +16,16 @@ from pvdf_fem.readings.text.separators import (
     split_cells,
 )
 from pvdf_fem.readings.times import is_clock_time
+from pvdf_fem.readings.units import Unit
 
 #: Maximum number of lines in which the header is searched, and of lines between it and the first
 #: row of numbers.
 MAX_PREAMBLE = 1000
 #: Number of lines of numbers without a header above them after which there is none.
 ROWS_WITHOUT_HEADER = 3
+
+#: A line that separates the header from the rows in tables for people to read.
+_RULE = re.compile(r"[-+=|: \t]*(?:--|==)[-+=|: \t]*")
 
 IsWanted = Callable[[Column], bool]  #: Whether a column has one of the names that are wanted.
 
@@ -143,6 +148,8 @@ class HeaderSearch:
         self.lines: list[str] = []
         self.candidates: list[_Candidate] = []
         self.rows_without_header = 0
+        self.found: _Candidate | None = None
+        self.notes: list[str] = []  #: Sentences about units that are not known.
 
     def add(self, line: str) -> Header | None:
         """Add the next line, and return the header as soon as it is known."""
@@ -166,6 +173,13 @@ class HeaderSearch:
         waits = self.candidates or self.rows_without_header < ROWS_WITHOUT_HEADER
         return None if waits and len(self.lines) < MAX_PREAMBLE else self.finish()
 
+    def is_surpassed_by(self, line: str) -> bool:
+        """Return whether a line below the header has more of the wanted names than the header."""
+        candidate = self._make_candidate(line)
+        if candidate is None or self.found is None:
+            return False
+        return len(candidate.wanted) > len(self.found.wanted)
+
     def finish(self) -> Header:
         """Return the most likely header of a table that has no row of numbers.
 
@@ -187,7 +201,7 @@ class HeaderSearch:
         return sorted(reversed(self.candidates), key=lambda each: -len(each.wanted))
 
     def _make_candidate(self, line: str) -> _Candidate | None:
-        """Return a line as a candidate for the header; None if it is none."""
+        """Make a candidate for the header from a line; return None if it cannot be one."""
         text = find_comment_text(line)
         text = line if text is None else text
         best: _Candidate | None = None
@@ -218,10 +232,14 @@ class HeaderSearch:
             Number of cells that a row must have.
         """
         columns = candidate.columns
-        rows = self.lines[candidate.lines_before + 1 :]
+        self.found = candidate
+        below = self.lines[candidate.lines_before + 1 :]
+        rows = [line for line in below if not _RULE.fullmatch(line)]
         for index, line in enumerate(rows):
-            units = parse_unit_row(split_cells(line, separator))
+            cells = split_cells(line, separator)
+            units = None if any(map(has_number, cells)) else parse_unit_row(cells)
             if units is not None and len(units) >= len(columns) // 2:
+                self.notes += _describe_unknown_units(columns, cells, units)
                 columns = add_units(columns, units, self.name)
                 del rows[index]
                 break
@@ -229,7 +247,7 @@ class HeaderSearch:
         return Header(columns, separator, needed)
 
     def _is_row_of_numbers(self, line: str) -> bool:
-        """Return whether a line has nothing but numbers between some separator."""
+        """Return whether a line has only numbers, for any of the separators."""
         splits = [split_cells(line, separator) for separator in self.separators]
         return any(_has_only_numbers(cells) for cells in splits)
 
@@ -249,6 +267,25 @@ class HeaderSearch:
                 yield line
 
 
+def _describe_unknown_units(
+    columns: Sequence[Column], cells: Sequence[str], units: Sequence[Unit | None]
+) -> Iterator[str]:
+    """Yield a note for each cell of a row of units that is not a known unit.
+
+    Parameters
+    ----------
+    columns : sequence of Column
+        Columns of the header.
+    cells : sequence of str
+        Cells of the row.
+    units : sequence of Unit or None
+        The units in the cells.
+    """
+    for column, cell, unit in zip(columns, cells, units, strict=False):
+        if cell.strip() and unit is None:
+            yield f"column {column.heading}: the unit {cell.strip()[:MAX_QUOTED]!r} is not known"
+
+
 def _has_only_numbers(cells: Sequence[str]) -> bool:
     """Return whether all cells that are not empty are numbers or times, and at least one is."""
     given = [cell for cell in cells if cell.strip()]
@@ -263,11 +300,12 @@ def _is_number_or_time(cell: str) -> bool:
 def _parse_columns(cells: list[str]) -> tuple[Column, ...]:
     """Return the columns of a header.
 
-    Empty headings at its end are left out. Units between blanks belong to the heading before them.
+        Empty headings at its end are left out. If the separator is a blank, a unit that follows a name
+    is a cell of its own; it is joined to the heading before it.
     """
     headings: list[str] = []
     for cell in drop_empty_end(cells):
-        heading = cell.strip()
+        heading = cell.strip(" \t\0\ufeff")  # a device that starts may send a null byte
         if headings and heading.startswith(("(", "[")) and parse_heading(f"x {heading}").unit:
             headings[-1] = f"{headings[-1]} {heading}"
         else:

@@ -11,6 +11,7 @@ from pvdf_fem.files import FileError
 
 MAX_ROW_BYTES = 1 << 20  #: Maximum size of a line.
 CHUNK_BYTES = 1 << 18  #: Maximum number of bytes that are read at once; a pipe may return fewer.
+UTF16_BYTES = 4  #: Number of bytes by which UTF-16 is recognised.
 _UTF16_BYTE_ORDER_MARKS = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 _LINE_ENDS = re.compile(rb"[\r\n]+")
 
@@ -55,7 +56,7 @@ def _read_utf8_chunks(stream: BinaryIO) -> Iterator[bytes]:
     first = b""
     for chunk in _read_chunks(stream):
         first += chunk
-        if len(first) >= 2:  # enough to tell UTF-16
+        if len(first) >= UTF16_BYTES:
             break
     encoding = find_utf16_encoding(first)
     if encoding is None:
@@ -83,13 +84,16 @@ def find_utf16_encoding(first: bytes) -> str | None:
     Parameters
     ----------
     first : bytes
-        The first bytes of the text, two at least. Either they are a byte order mark, or one of them
-        is null, as in UTF-16 of an ASCII character.
+        The first bytes of the text, `UTF16_BYTES` if it has so many. Either they begin with a byte
+        order mark, or every second one is null, as in UTF-16 of ASCII characters.
     """
     if first[:2] in _UTF16_BYTE_ORDER_MARKS:
         return _UTF16_BYTE_ORDER_MARKS[first[:2]]
-    if len(first) >= 2 and first[:2].count(0) == 1:
-        return "utf-16-be" if first[0] == 0 else "utf-16-le"
+    nulls = [byte == 0 for byte in first[:UTF16_BYTES]]
+    if nulls == [False, True, False, True]:
+        return "utf-16-le"
+    if nulls == [True, False, True, False]:
+        return "utf-16-be"
     return None
 
 

@@ -11,7 +11,7 @@ MAX_QUOTED = 40  #: Maximum number of characters of a cell that messages repeat.
 #: Words for a missing number, in lower case.
 MISSING_WORDS = frozenset(
     (
-        *("", "nan", "+nan", "-nan", "nan0", "1.#qnan", "1.#ind", "-1.#ind"),
+        *("", "nan", "+nan", "-nan", "nan(ind)", "-nan(ind)", "1.#qnan", "1.#ind", "-1.#ind"),
         *("na", "<na>", "n/a", "n.a.", "n.v.", "null", "none", "missing", "invalid"),
         *("no data", "nodata"),
         *("-", "--", "---", "----", "?", "error", "err", "fehler"),
@@ -82,7 +82,7 @@ class NumberReader:
         self.evidence = ""  #: The cell that has decided it.
 
     def learn(self, cells: Iterable[str]) -> None:
-        """Decide the decimal sign by the first cell that has only one reading."""
+        """Decide the decimal sign by the first cell that can be read in only one way."""
         for cell in cells:
             if self.decimal:
                 return
@@ -119,9 +119,9 @@ class NumberReader:
         text = cell.strip()
         decimal = self.decimal or self.default
         if decimal == "." and _WITH_POINT(text):
-            value = _convert(text)
+            value = _parse_decimal(text)
         elif decimal == "," and _WITH_COMMA(text):
-            value = _convert(text.replace(",", "."))
+            value = _parse_decimal(text.replace(",", "."))
         else:
             value = self._read_other(text)
         if math.isinf(value) and text[-1].isdigit():
@@ -153,7 +153,7 @@ class NumberReader:
 
 
 def read_word(text: str) -> float | None:
-    """Return NaN or ±∞ for a word that stands in place of a number, and None for other texts."""
+    """Return NaN or ±∞ for a word that replaces a number, and None for any other text."""
     word = text.strip().lower()
     if word in MISSING_WORDS:
         return math.nan
@@ -188,7 +188,7 @@ def read_both_ways(cell: str) -> dict[str, float]:
 
 
 def has_number(cell: str) -> bool:
-    """Return whether a cell has a number, or a word in place of a number; not if it is empty."""
+    """Return whether a cell has a number or a word that replaces one; False if it is empty."""
     text = cell.strip()
     return bool(text) and (read_word(text) is not None or bool(read_both_ways(text)))
 
@@ -208,8 +208,8 @@ def _read_with_decimal_sign(text: str, decimal: str) -> float | None:
     return float(f"{grouped[1]}{whole}.{fraction}")
 
 
-def _convert(text: str) -> float:
-    """Convert a number with a decimal point, whose exponent may begin with the D of Fortran."""
+def _parse_decimal(text: str) -> float:
+    """Convert a text with a decimal point to a number; its exponent may begin with Fortran's D."""
     try:
         return float(text)
     except ValueError:
@@ -217,7 +217,7 @@ def _convert(text: str) -> float:
 
 
 def _convert_scpi_number(value: float) -> float:
-    """Return NaN or ±∞ for the numbers by which instruments say so, and others unchanged."""
+    """Return NaN or ±∞ for the numbers with which instruments encode them; keep all others."""
     if value == SCPI_NAN:
         return math.nan
     if abs(value) == SCPI_INFINITY:

@@ -254,7 +254,7 @@ def _find_rim_errors(key: str, shape: PlacedShape, radius_mm: float) -> Iterator
     ------
     str
         One error of the form ``key = value: reason; advice``, or none. The key is a size of the
-        shape if it would not fit even at the centre, and else the coordinate with the larger
+        shape if it would not fit even at the centre, otherwise the coordinate with the larger
         magnitude.
     """
     limit_mm = radius_mm * (1 + LENGTH_TOLERANCE)

@@ -126,7 +126,8 @@ class LineSearchNewton(FallbackSolver):
     def solve(self, task: EquilibriumTask) -> NewtonResult:
         """Solve by Newton's method with line search.
 
-        It starts from the task's initial guess or, without one, from a linear membrane.
+        It starts from the task's initial guess or, without one, from the
+        deflection of a linear membrane.
         """
         is_near = task.initial_guess is not None
         initial_guess = task.initial_guess

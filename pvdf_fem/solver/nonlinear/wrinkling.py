@@ -51,9 +51,10 @@ def estimate_load_strain(scene: Scene) -> float:
 
 
 def compute_excess_strain(scene: Scene) -> float:
-    """Compute the strain by which a film is too large for its rim, the smaller of x and y.
+    """Compute the strain by which a film is too large for its rim.
 
-    It is negative if the film is stretched in either direction.
+    This is the smaller of the strains along x and y. It is negative if the film is stretched in
+    either direction.
     """
     return -float(scene.film.prestrain[:2].max())
 

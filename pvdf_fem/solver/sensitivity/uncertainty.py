@@ -50,8 +50,8 @@ class Uncertainty(Result):
     deviations: dict[str, float]
     #: Standard deviation of each total charge in pC due to one number, by key and electrode.
     parts_pC: dict[str, dict[str, float]]
-    #: Standard deviation of each change of a charge by the load in pC due to one number, by key and
-    #: electrode.
+    #: Standard deviation in pC, due to one number, of the change of each charge under the load, by
+    #: key and electrode.
     change_parts_pC: dict[str, dict[str, float]]
 
     @property
@@ -61,7 +61,7 @@ class Uncertainty(Result):
 
     @property
     def charge_changes_pC(self) -> dict[str, float]:
-        """Standard deviation of each change of a charge by the load in pC, by electrode."""
+        """Standard deviation in pC of the change of each charge due to the load, by electrode."""
         return _combine_uncertainty_parts(self.change_parts_pC)
 
     def shares(self) -> dict[str, dict[str, float]]:

@@ -63,6 +63,20 @@ def test_a_tangential_force_is_found_with_the_position_on_the_stage():
     assert location.deviations["force_N"] < 0.01
 
 
+def test_a_touch_is_found_beside_a_clipped_charge():
+    """The charge nearest to the touch is far above the end of its range."""
+    truth = {"probe.x_mm": 5.0, "probe.y_mm": 3.0}
+    charges = solve(EIGHT_ELECTRODES.with_(**truth)).charges_pC
+    nearest = max(charges, key=charges.get)
+    end = 0.4 * charges[nearest]
+    readout = {"reading": "total", "range_V": {nearest: 1e-3 * end}}
+    scene = EIGHT_ELECTRODES.with_(readout=readout)
+    readings = charges | {nearest: end}
+    location = locate(scene, readings, 1e-3, unknown=POSITION_AND_FORCE, unit="pC", options=QUICK)
+    assert (location.status, location.clipped) == ("located", (nearest,))
+    assert location.best.values == pytest.approx([5.0, 3.0, 0.0, 1.0], abs=0.03)
+
+
 @pytest.mark.slow
 def test_a_warm_touch_is_found_with_its_temperature():
     """Half of the probe is on one of four electrodes; the search begins where a cold one fits."""

@@ -93,6 +93,17 @@ def test_times_of_a_channel_of_stamps(tmp_path):
     assert "2026-05-01 12:00:00.002" in read.notes
 
 
+def test_a_recording_that_was_started_again_is_noticed(tmp_path):
+    """npTDMS has the start of the last part only, for all samples."""
+    path = write_tdms(tmp_path / "r.tdms", SAMPLES[:20], segments=3)
+    later = START + np.timedelta64(3600, "s")
+    write_tdms(tmp_path / "later.tdms", SAMPLES[20:], wf_start_time=later)
+    path.write_bytes(path.read_bytes() + (tmp_path / "later.tdms").read_bytes())
+    read = read_recording(path)
+    assert read.values == pytest.approx(SAMPLES)
+    assert "2 values of wf_start_time" in read.notes
+
+
 def test_channels_of_different_rates_are_refused(tmp_path):
     path = tmp_path / "r.tdms"
     with nptdms.TdmsWriter(path) as writer:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.tracking.signal.stamps.learning_buffer import LearningBuffer
 from pvdf_fem.inverse.tracking.signal.stamps.options import ClockOptions
 from pvdf_fem.inverse.tracking.signal.stamps.repair_log import Repair, RepairLog
@@ -21,7 +20,7 @@ class StampedSample(NamedTuple):
     """Sample with a time that is behind those of all samples before."""
 
     time_s: float
-    values: Array  #: Readings, shape (electrodes,).
+    values: Sequence[float]  #: Readings, shape (electrodes,).
     event: ClockEvent
     gap_s: float  #: Time in s that is missing before the sample, beyond one interval.
 
@@ -75,14 +74,14 @@ class SampleClock:
         """Number of repairs of each kind."""
         return self._log.counts
 
-    def receive(self, stamp_s: float, values: Array) -> list[StampedSample]:
+    def receive(self, stamp_s: float, values: Sequence[float]) -> list[StampedSample]:
         """Receive a sample, and return those whose times are decided.
 
         Parameters
         ----------
         stamp_s : float
             Stamp of the sample in s; NaN or infinite if it is missing.
-        values : ndarray, shape (electrodes,)
+        values : sequence of float
             Readings, which are passed on unchanged.
 
         Returns

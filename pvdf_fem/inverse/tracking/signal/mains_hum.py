@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.inverse.tracking.signal.harmonic_windows import Phasors, square_abs
-from pvdf_fem.inverse.tracking.signal.hum_follower import (
+from pvdf_fem.inverse.tracking.signal.hum.harmonic_windows import Phasors, square_abs
+from pvdf_fem.inverse.tracking.signal.hum.hum_follower import (
     HumFollower,
     HumState,
     MainsHumOptions,
@@ -19,7 +19,7 @@ AUTO = "auto"
 #: Frequencies in Hz that ``auto`` looks for.
 MAINS_FREQUENCIES_HZ = (50.0, 60.0)
 
-#: Longest step of time that is not a pause, in windows.
+#: Longest step of time, in windows, that is neither a pause nor a step of the clock.
 MAX_STEP_WINDOWS = 0.5
 #: Relative change of the sampling rate from which everything is learnt anew.
 MAX_RATE_CHANGE = 0.2
@@ -94,6 +94,11 @@ class MainsHum:
         self._phase_rad = 0.0
         self._phase_time_s = 0.0
         self._angular_frequency = 0.0
+
+    @property
+    def is_learned(self) -> bool:
+        """Whether `subtract` follows the hum, or looks for one that begins."""
+        return self._block_samples > 0
 
     @property
     def is_active(self) -> bool:
@@ -178,7 +183,7 @@ class MainsHum:
         Parameters
         ----------
         time_s : float
-            Time of the sample.
+            Time of the sample. If it is not finite, nothing is subtracted.
         voltages : ndarray, shape (electrodes,)
             Voltages in V, NaN where they are missing.
 
@@ -190,9 +195,11 @@ class MainsHum:
         if not self._block_samples:
             return voltages
         step_s = time_s - self._last_time_s
-        self._last_time_s = time_s
-        if not 0.0 <= step_s <= self._max_step_s:
+        if not abs(step_s) <= self._max_step_s:
+            if not math.isfinite(time_s):
+                return voltages
             self._skip_pause(time_s, step_s)
+        self._last_time_s = time_s
         count = self._count
         self._times_s[count] = time_s
         self._voltages[count] = voltages
@@ -206,6 +213,24 @@ class MainsHum:
             self._finish_block()
         return cleaned
 
+    def predict(self, times_s: Array) -> Array:
+        """Predict the hum that is subtracted at some times, such as those of the learnt block.
+
+        Parameters
+        ----------
+        times_s : ndarray, shape (n,)
+            Times within a fraction of a second of the last sample.
+
+        Returns
+        -------
+        ndarray, shape (n, electrodes)
+            Hum in V; zero if none is subtracted.
+        """
+        if self._rotations is None:
+            return np.zeros((len(times_s), len(self._names)))
+        phase = self._phase_rad + self._angular_frequency * (times_s - self._phase_time_s)
+        return (np.exp(phase[:, None] * self._rotations) @ self._phasors).real
+
     def _start_block(self) -> None:
         """Start a block of samples without any."""
         self._count = 0
@@ -217,7 +242,7 @@ class MainsHum:
         self._voltages = np.zeros((samples, len(self._names)))
         plan = self._follower.plan
         if plan:
-            self._max_step_s = MAX_STEP_WINDOWS * plan.window_samples / plan.rate_Hz
+            self._max_step_s = MAX_STEP_WINDOWS * plan.window_s
 
     def _finish_block(self) -> None:
         """Pass the block on, and subtract the hum that is known then from the next samples."""

@@ -1,4 +1,4 @@
-"""HDF5, among them the MATLAB files of version 7.3 and NetCDF-4."""
+"""HDF5 files, including MATLAB files of version 7.3 and NetCDF-4 files."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Hdf5Reader(NamedArrayReader):
 
     @classmethod
     def is_recognised(cls, head: bytes) -> bool:
-        """Return whether a file has the signature of HDF5 at one of its possible places."""
+        """Return whether a file has the signature of HDF5 at one of its possible positions."""
         return any(head[place : place + 8] == SIGNATURE for place in (0, 512, 1024, 2048))
 
     def _collect(self, name: str, item: Any, arrays: list[NamedArray]) -> None:
@@ -50,7 +50,7 @@ class Hdf5Reader(NamedArrayReader):
             self.set_interval(name.rpartition("/")[0], name.rpartition("/")[2], float(item[()]))
 
     def _add_attributes(self, address: str, item: Any) -> None:
-        """Set the interval of a group or an array by its attributes."""
+        """Set the interval of a group or an array from its attributes."""
         for name, value in item.attrs.items():
             if getattr(value, "shape", None) in ((), (1,)) and value.dtype.kind in "iuf":
                 self.set_interval(address, name, float(value.ravel()[0]))

@@ -46,7 +46,7 @@ class NamedArray(NamedTuple):
 
 
 class _Slot(NamedTuple):
-    """The place of a channel: an array, and the index or the name of a column in it."""
+    """The position of a channel: an array, and the index or the name of a column in it."""
 
     array: NamedArray
     column: int | str | None
@@ -68,7 +68,7 @@ class NamedArrayReader(LoggerReader):
         self._intervals_s: dict[str, float] = {}  #: By the address of a group.
 
     def add_arrays(self, arrays: Sequence[NamedArray]) -> None:
-        """Add arrays as channels, and single numbers as rates or intervals if they are named so."""
+        """Add arrays as channels, and single numbers as rates or intervals by their names."""
         for array in arrays:
             shape = tuple(array.samples.shape)
             names = array.samples.dtype.names
@@ -84,7 +84,7 @@ class NamedArrayReader(LoggerReader):
                 self._add_matrix(array)
 
     def set_interval(self, group: str, name: str, value: float) -> None:
-        """Set the sampling interval of a group by a number, if it has the name of a rate."""
+        """Set the sampling interval of a group to a number, if the name is that of a rate."""
         if name.lower() in RATE_NAMES and value > 0.0:
             self._intervals_s[group] = 1.0 / value
         if name.lower() in INTERVAL_NAMES and value > 0.0:
@@ -121,7 +121,7 @@ class NamedArrayReader(LoggerReader):
                 self._slots[f"{array.address}/{name}"] = _Slot(array, name)
 
     def _add_rate(self, array: NamedArray) -> None:
-        """Set the interval of a group by a single number in it."""
+        """Set the interval of a group from a single number in it."""
         group, _, name = array.address.rpartition("/")
         self.set_interval(group, name, float(np.ravel(array.samples[()])[0]))
 

@@ -37,7 +37,7 @@ def list_numbers(message: Any) -> list[str]:
 
 
 def get_numbers(message: Any, addresses: list[str]) -> list[float]:
-    """Return the numbers with some addresses in a message; NaN where it has none."""
+    """Return the numbers at some addresses of a message; NaN where there is none."""
     return [_get_number(message, address) for address in addresses]
 
 
@@ -58,7 +58,7 @@ def get_stamp_ns(message: Any) -> int | None:
 
 
 def get_field(message: Any, name: str) -> Any:
-    """Return a field of a message or a dictionary, or None."""
+    """Return a field of a message or a dictionary, or None if there is none."""
     if isinstance(message, Mapping):
         return message.get(name)
     return getattr(message, name, None)
@@ -93,7 +93,7 @@ def _walk(value: Any, address: str) -> Iterator[tuple[str, float]]:
 
 
 def _get_number(message: Any, address: str) -> float:
-    """Return the number with an address in a message, or NaN."""
+    """Return the number at an address of a message, or NaN if there is none."""
     value = message
     parent = None
     for part in address.split("/"):

@@ -51,7 +51,7 @@ class RosBagReader(MessageReader):
                 self.skipped_topics[name] = kind
 
     def read_messages(self, topics: Sequence[str] | None) -> Iterator[StampedMessage]:
-        """Yield the messages of topics whose types are known, in the order of their logging."""
+        """Yield the messages of topics with known types, in the order in which they were logged."""
         numbers = [
             number for number, (name, _) in self.topics.items() if topics is None or name in topics
         ]
@@ -75,7 +75,7 @@ class RosBagReader(MessageReader):
         return self.database.execute(command, values)
 
     def _register_definitions(self) -> None:
-        """Register the definitions of messages that the bag has and the store has not."""
+        """Register the definitions of messages in the bag that the store lacks."""
         rows = self._execute(
             "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
         )

@@ -99,7 +99,43 @@ def test_a_sample_costs_little():
     assert (time.process_time() - began) / len(stamps) < 20e-6
 
 
+@given(seed=st.integers(0, 1000), rate=rates, mean_or_spread=st.sampled_from(["poisson", 0.2, 0.4]))
+def test_irregular_sampling_is_trusted(seed, rate, mean_or_spread):
+    random = np.random.default_rng(seed)
+    if mean_or_spread == "poisson":
+        steps = random.exponential(1.0 / rate, COUNT) + 1e-3 / rate
+    else:
+        steps = random.uniform(1.0 - mean_or_spread, 1.0 + mean_or_spread, COUNT) / rate
+    stamps = np.cumsum(steps)
+    result = run(stamps)
+    kept = np.abs(find_errors(result, stamps)) < 1e-6
+    # Few intervals may look like jitter, until more of them show that deviations add up.
+    assert np.mean(kept) > 0.6
+    assert np.all(kept[1100:])
+
+
 # Jitter, blocks, and rounding
+
+
+@given(
+    seed=st.integers(0, 1000),
+    rate=rates,
+    start=starts,
+    size=st.sampled_from([0.2, 0.5, 1.0, 2.0]),
+    kind=st.sampled_from(["normal", "uniform"]),
+)
+def test_jitter_is_regressed_even_if_it_goes_backwards(seed, rate, start, size, kind):
+    random = np.random.default_rng(seed)
+    true = start + np.arange(COUNT) / rate
+    noise = random.standard_normal(COUNT) if kind == "normal" else random.uniform(-1, 1, COUNT)
+    result = run(true + size / rate * noise)
+    errors = find_errors(result, true)
+    assert np.abs(errors).max() < max(1.5, 4.0 * size)
+    assert np.abs(errors[COUNT // 2 :]).max() < max(0.3, 0.75 * size)
+    assert not result.count(ClockEvent.GAP)
+    assert not result.count(ClockEvent.RESTART)
+    assert not result.clock.repairs[Repair.LATE_ROW]
+    assert result.clock.interval_s == pytest.approx(1.0 / rate, rel=5e-3 * max(1.0, size))
 
 
 @pytest.mark.parametrize("rate", [300.0, 700.0, 1024.0, 2000.0, 2048.0, 2500.0, 3000.0, 5000.0])
@@ -151,6 +187,23 @@ def test_blocks_of_different_sizes_are_spread(seed, is_last):
     assert not result.clock.repairs[Repair.LATE_ROW]
 
 
+@given(seed=st.integers(0, 1000), size=st.integers(8, 100), jitter=st.sampled_from([2.0, 4.0]))
+def test_chunks_with_jitter_are_regressed(seed, size, jitter):
+    """Chunks of Lab Streaming Layer: stamps within a chunk are regular, chunks overlap."""
+    random = np.random.default_rng(seed)
+    rows = np.arange(6 * COUNT)
+    true = rows / 1000.0
+    delays = random.uniform(-jitter, jitter, len(rows))[rows // size]
+    result = run(true + delays / 1000.0)
+    errors = find_errors(result, true)
+    # The first chunks look like gaps and jumps until one undoes the other.
+    assert np.abs(errors).max() < 5.0 * jitter
+    assert result.count(ClockEvent.GAP) + result.count(ClockEvent.RESTART) <= 8
+    assert result.clock.repairs[Repair.LATE_ROW] <= 8
+    assert np.all(np.asarray(result.events[COUNT:]) == ClockEvent.TICK)
+    assert np.abs(np.diff(result.times)[COUNT:] * 1e3 - 1.0).max() < 0.1
+
+
 def test_bursts_that_are_stamped_when_read_are_spread():
     rows = np.arange(COUNT)
     true = rows / 256.0
@@ -193,6 +246,30 @@ def test_a_wrong_stamp_is_replaced(place, rate, start, wrong):
         assert len(result.clock.notes) == 1
 
 
+@given(place=places, rate=rates, size=st.integers(1, 4))
+def test_exchanged_rows_are_sorted(place, rate, size):
+    true = np.arange(COUNT) / rate
+    order = np.arange(COUNT)
+    order[place : place + size] += size
+    order[place + size : place + 2 * size] -= size
+    result = run(true[order])
+    np.testing.assert_allclose(result.times, true, atol=1e-9)
+    assert np.array_equal(order[result.rows], np.arange(COUNT))
+    assert result.clock.repairs == {Repair.EXCHANGED_ROW: 2 * size}
+
+
+@given(place=places, rate=rates, delay=st.integers(2, 200))
+def test_a_late_row_is_sorted_or_left_out(place, rate, delay):
+    delay = min(delay, COUNT - place - 10)
+    order = np.insert(np.delete(np.arange(COUNT), place), place + delay, place)
+    true = np.arange(COUNT) / rate
+    result = run(true[order])
+    errors = find_errors(result, true[order])
+    assert np.abs(errors[result.rows != place + delay]).max() < 0.6
+    assert len(result.times) >= COUNT - 1
+    assert not result.count(ClockEvent.RESTART)
+
+
 @given(place=st.integers(60, 1000), rate=rates, missing=st.integers(2, 500))
 def test_missing_stamps_follow_at_the_learned_interval(place, rate, missing):
     true = np.arange(COUNT) / rate
@@ -218,6 +295,51 @@ def test_a_short_stream_is_passed_on_at_its_end(count):
 
 
 # Gaps
+
+
+@given(
+    place=st.integers(100, 1000),
+    rate=rates,
+    missing=st.sampled_from([2, 3, 10, 0.1, 1.0, 300.0]),
+    kind=st.sampled_from(["regular", "jittered", "blocks"]),
+    seed=st.integers(0, 100),
+)
+def test_gaps_are_kept(place, rate, missing, kind, seed):
+    rows = np.arange(COUNT)
+    gap = missing if isinstance(missing, int) else round(missing * rate)
+    gap = max(gap, 2)
+    true = np.where(rows < place, rows, rows + gap) / rate
+    stamps = true
+    if kind == "jittered":
+        stamps = true + np.random.default_rng(seed).uniform(-0.2, 0.2, COUNT) / rate
+    elif kind == "blocks":
+        size = 10
+        place = (place // size + 10) * size
+        true = np.where(rows < place, rows, rows + gap) / rate
+        stamps = true[rows // size * size]
+    result = run(stamps)
+    assert result.count(ClockEvent.GAP) == 1
+    index = result.events.index(ClockEvent.GAP)
+    assert result.rows[index] == place
+    assert result.gaps[index] * rate == pytest.approx(gap, abs=1.0)
+    assert np.abs(find_errors(result, true)).max() < 1.0
+    assert len(result.times) == COUNT
+
+
+@given(seed=st.integers(0, 1000), rate=rates, jitter=st.sampled_from([0.0, 0.02, 0.1]))
+def test_rows_that_are_missing_at_random_do_not_change_the_rate(seed, rate, jitter):
+    random = np.random.default_rng(seed)
+    true = np.arange(COUNT) / rate
+    true = true[random.random(COUNT) > 0.1]
+    stamps = true + jitter / rate * random.uniform(-1, 1, len(true))
+    result = run(stamps)
+    assert len(result.times) == len(true)
+    errors = (result.times - true) * rate
+    # Missing rows and jitter together may be taken for jitter until several reviews of the stamps.
+    assert np.abs(errors).max() < (0.3 if jitter <= 0.02 else 4.0)
+    assert np.abs(errors[1200:]).max() < 0.3
+    if jitter <= 0.02:
+        assert result.clock.interval_s == pytest.approx(1.0 / rate, rel=0.02)
 
 
 # Jumps of the clock behind the stamps
@@ -273,6 +395,28 @@ def test_each_restart_is_said_with_its_size():
     assert "33 s" in clock.notes[1]
 
 
+@given(
+    factor=st.sampled_from([0.1, 0.25, 0.5, 0.9, 1.2, 2.0, 10.0]),
+    rate=st.sampled_from([200.0, 1000.0]),
+    kind=st.sampled_from(["regular", "jittered", "blocks"]),
+    seed=st.integers(0, 100),
+)
+def test_another_sampling_rate_is_learned(factor, rate, kind, seed):
+    rows = np.arange(COUNT)
+    change = COUNT // 2
+    true = np.where(rows < change, rows, change + (rows - change) / factor) / rate
+    stamps = true
+    if kind == "jittered":
+        steps = np.where(rows < change, 1.0, 1.0 / factor) / rate
+        stamps = true + 0.3 * steps * np.random.default_rng(seed).uniform(-1, 1, COUNT)
+    elif kind == "blocks":
+        stamps = true[rows // 8 * 8]
+    result = run(stamps)
+    assert result.clock.interval_s == pytest.approx(1.0 / rate / factor, rel=0.03)
+    assert np.abs(find_errors(result, true)[-200:]).max() < (1.0 if kind != "blocks" else 8.5)
+    assert len(result.times) == COUNT
+
+
 # Changes of the kind of stamps, and mixtures
 
 
@@ -314,6 +458,29 @@ def make_fault(kind, stamps, place, random):
 KINDS = ["repeat", "wild", "exchange", "missing", "back", "gap", "frozen"]
 
 
+@given(
+    kinds=st.lists(st.sampled_from(KINDS), min_size=1, max_size=2),
+    distance=st.integers(1, 40) | st.integers(-40, -1) | st.sampled_from([-300, 300]),
+    place=st.integers(400, 1000),
+    rate=rates,
+    seed=st.integers(0, 1000),
+)
+def test_the_clock_is_locked_after_any_two_faults(kinds, distance, place, rate, seed):
+    random = np.random.default_rng(seed)
+    stamps = 10.0 + np.arange(COUNT) / rate
+    stamps = make_fault(kinds[0], stamps, place, random)
+    last = place + 60
+    if len(kinds) == 2:
+        stamps = make_fault(kinds[1], stamps, place + distance, random)
+        last += abs(distance)
+    result = run(stamps)
+    assert len(result.times) >= COUNT - 6
+    steps = np.diff(result.times)[last + 40 :] * rate
+    np.testing.assert_allclose(steps, 1.0, atol=1e-3)
+    assert np.all(np.asarray(result.events[last + 40 :]) == ClockEvent.TICK)
+    assert result.clock.notes
+
+
 @given(stamps=st.lists(st.floats() | st.integers(0, 5).map(float), max_size=200))
 def test_any_stamps_give_times_that_increase(stamps):
     run(stamps)
@@ -328,3 +495,26 @@ def test_the_number_of_held_samples_is_bounded():
     for _ in range(options.max_learning_samples + 100):
         assert not clock.receive(1.0, np.zeros(1))
     assert clock.repairs[Repair.UNTIMED_ROW] == 100
+
+
+@pytest.mark.parametrize("delay", [0.015, 0.05])
+def test_stamps_that_are_delayed_and_catch_up_are_no_gaps(delay):
+    """A computer that is busy for a moment stamps the rows of its buffer late."""
+    true = np.arange(COUNT) / 1000.0
+    stamps = true.copy()
+    for place in (300, 800, 1300):
+        rows = np.arange(60)
+        stamps[place + rows] += np.maximum(delay - 0.0009 * rows, 0.0)
+    result = run(stamps)
+    assert np.abs(find_errors(result, true)).max() < 1.0
+    assert not result.count(ClockEvent.GAP)
+
+
+@pytest.mark.parametrize("rate", [900.0, 1000.0])
+def test_rounded_stamps_with_jitter_are_regressed_in_the_end(rate):
+    true = np.arange(3 * COUNT) / rate
+    jitter = 2e-4 * np.random.default_rng(5).standard_normal(len(true))
+    result = run(np.floor((true + jitter) * 1e3) / 1e3)
+    assert np.abs(find_errors(result, true)).max() < 2.0
+    assert result.clock.interval_s == pytest.approx(1.0 / rate, rel=2e-3)
+    assert result.count(ClockEvent.GAP) < 0.02 * len(true)

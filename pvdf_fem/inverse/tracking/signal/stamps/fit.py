@@ -16,20 +16,29 @@ LARGE_STEP = 10.0
 AGREEMENT = 0.1
 #: Fraction of steps that must agree for the median step to be the sampling interval.
 AGREEING_FRACTION = 0.6
+#: Fraction of steps that agree in chunks, whose stamps jitter as a whole.
+CHUNK_FRACTION = 0.85
+#: Smallest number of longer and of shorter steps that count as jitter, outside of chunks.
+MIN_MIXED_STEPS = 2
 #: Steps of bursts below this fraction of the interval count as repeated stamps.
 BURST_STEP = 0.2
 #: Smallest number of different stamps to fit.
 MIN_STAMPS = 4
-#: Smallest number of longer steps that tell rounded stamps from missing rows by their evenness ...
-MIN_LONG_STEPS = 8
-#: ... or, if the distances between them differ by at most one row, ...
-MIN_EVEN_STEPS = 5
-#: ... as far as residuals stay within this multiple of the excess of the longer steps.
-MAX_ROUNDING = 1.2
+#: Smallest number of longer steps that tell rounded stamps from missing rows by their evenness.
+MIN_LONG_STEPS = 5
+#: Residuals of rounded stamps stay within this multiple of the excess of the longer steps.
+MAX_ROUNDING = 1.1
 #: Smallest number of steps backward that count as jitter and not as single faults.
 MIN_BACKWARD_STEPS = 3
+#: Largest ratio of the variances of residuals and steps of jitter, which is a half for white jitter
+#: and infinitely many stamps. Increasing stamps that are trusted by mistake do little harm.
+JITTER_GROWTH = 0.75
 #: Smallest number of rows between jumps that makes them jitter of chunks and not single faults.
 MIN_CHUNK = 3
+#: Jump of the deviations, in intervals, that separates chunks, and largest number of those that are
+#: gaps if none goes back.
+JUMP = 0.3
+MAX_GAPS = 2
 #: Fraction of steps that must be multiples of the interval if many rows are missing, and of those
 #: that must be one interval.
 MULTIPLE_FRACTION = 0.85
@@ -49,8 +58,10 @@ class StampFit(NamedTuple):
 
     kind: StampKind
     interval_s: float
-    #: Time of row 0, extrapolated from the first usable stamps.
+    #: Time of row 0, extrapolated from the first usable stamps, ...
     origin_s: float
+    #: ... and from the last ones.
+    last_origin_s: float
     #: Largest deviation of a stamp from the line of constant interval.
     band_s: float
     #: Steps of at most this size count as repeated stamps.
@@ -59,6 +70,8 @@ class StampFit(NamedTuple):
     stamp_count: int
     #: Fraction of the steps that are one interval.
     agreement: float
+    #: Number of jumps forward, if none goes back.
+    gap_count: int = 0
 
 
 class _Segment(NamedTuple):
@@ -113,22 +126,23 @@ def fit_stamps(rows: Sequence[int], stamps: Sequence[float]) -> StampFit | None:
         return None
     rates = longest.time_steps / longest.row_steps
     kind = _classify(longest, interval, agreed is not None)
-    residuals = longest.stamps - interval * longest.rows
-    first = next(segment for segment in segments if len(segment.rows) >= 3)
-    if kind is StampKind.JITTERED:
-        origin = float(np.median(first.stamps - interval * first.rows))
-    else:
+    usable = [segment for segment in segments if len(segment.rows) >= MIN_CHUNK]
+    first = usable[0]
+    levels = _split_at_gaps(first, interval)
+    origin = float(np.median(levels[0]))
+    if kind is not StampKind.JITTERED:
         origin = _find_anchor(first, interval, kind)
     # The largest deviation of few stamps is exceeded soon.
-    margin = 1.0 + 8.0 / len(residuals)
-    band = margin * float(np.max(np.abs(residuals - np.median(residuals))))
+    band = (1.0 + 8.0 / len(longest.rows)) * _measure_band(longest, interval)
     return StampFit(
         kind=kind,
         interval_s=interval,
         origin_s=origin,
+        last_origin_s=float(np.median(_split_at_gaps(usable[-1], interval)[-1])),
         band_s=band if kind is StampKind.JITTERED else 0.0,
         repeat_s=0.0 if heads is None else BURST_STEP * interval,
         stamp_count=len(longest.rows),
+        gap_count=_count_gaps(longest, interval),
         agreement=float(np.mean(np.abs(rates / interval - 1.0) <= AGREEMENT)),
     )
 
@@ -176,13 +190,25 @@ def _find_agreed_interval(segment: _Segment) -> float | None:
     median = np.median(rates)
     if median <= 0.0:
         return None
-    agree = np.abs(rates - median) <= AGREEMENT * median
+    agree = _select_agreeing_steps(segment)
     multiples = np.round(rates / median)
     is_multiple = (np.abs(rates / median - multiples) <= AGREEMENT) & (multiples >= 1.0)
     has_gaps = np.mean(is_multiple) > MULTIPLE_FRACTION and np.mean(agree) > SINGLE_FRACTION
-    if not (has_gaps or np.mean(agree) >= AGREEING_FRACTION) or _is_rounded(segment, agree):
+    if not (has_gaps or np.mean(agree) >= AGREEING_FRACTION):
+        return None
+    long_count = np.count_nonzero(rates > (1.0 + JUMP) * median)
+    short_count = np.count_nonzero(rates < (1.0 - JUMP) * median)
+    is_mixed = min(long_count, short_count) >= MIN_MIXED_STEPS
+    if (is_mixed and np.mean(agree) < CHUNK_FRACTION) or _is_rounded(segment, agree):
         return None
     return float(np.sum(segment.time_steps[agree]) / np.sum(segment.row_steps[agree]))
+
+
+def _select_agreeing_steps(segment: _Segment) -> Mask:
+    """Return whether each step, for each row, agrees with the median one."""
+    rates = segment.time_steps / segment.row_steps
+    median = np.median(rates)
+    return np.asarray(np.abs(rates - median) <= AGREEMENT * np.abs(median))
 
 
 def _is_rounded(segment: _Segment, agree: Mask) -> bool:
@@ -198,15 +224,17 @@ def _is_rounded(segment: _Segment, agree: Mask) -> bool:
 
     Notes
     -----
-    Rounded stamps deviate from a line by less than the difference of long and short steps; missing
-    rows make the deviations a random walk.
+    Rounded stamps deviate from a line by less than the difference of long and short steps, and the
+    distances of long steps differ by at most one row. Missing rows make the deviations a random
+    walk.
     """
+    if not np.any(agree):
+        return False
     excess = segment.time_steps[~agree] - np.median(segment.time_steps[agree])
-    if excess.size < MIN_EVEN_STEPS or np.any(segment.row_steps > 1) or np.any(excess <= 0.0):
+    if excess.size < MIN_LONG_STEPS or np.any(segment.row_steps > 1) or np.any(excess <= 0.0):
         return False
     distances = np.diff(np.flatnonzero(~agree))
-    is_even = np.max(distances) - np.min(distances) <= 1
-    if not (is_even or excess.size >= MIN_LONG_STEPS):
+    if np.max(distances) - np.min(distances) > 1 or np.ptp(excess) > AGREEMENT * np.max(excess):
         return False
     line = np.polyfit(segment.rows, segment.stamps - segment.stamps[0], 1)
     residuals = segment.stamps - segment.stamps[0] - np.polyval(line, segment.rows)
@@ -241,13 +269,11 @@ def _classify(segment: _Segment, interval: float, steps_agree: bool) -> StampKin
         if is_disordered and not _is_cured_by_sorting(segment, interval):
             return StampKind.JITTERED
         return StampKind.REGULAR
-    if backward_count:
+    if backward_count or _is_rounded(segment, _select_agreeing_steps(segment)):
         return StampKind.JITTERED
     residuals = segment.stamps - interval * segment.rows
     growth = np.var(residuals) / np.var(steps - interval * segment.row_steps)
-    # Geometric mean of the two expected values.
-    threshold = np.sqrt(0.5 * len(segment.rows) / 15.0)
-    return StampKind.IRREGULAR if growth > threshold else StampKind.JITTERED
+    return StampKind.IRREGULAR if growth > JITTER_GROWTH else StampKind.JITTERED
 
 
 def _is_cured_by_sorting(segment: _Segment, interval: float) -> bool:
@@ -266,13 +292,49 @@ def _has_chunk_jitter(segment: _Segment, interval: float) -> bool:
     interval : float
         Sampling interval in s.
     """
-    residuals = segment.stamps - interval * segment.rows
-    jumps = np.flatnonzero(np.abs(np.diff(residuals)) > 3.0 * AGREEMENT * interval) + 1
     levels = []
-    for chunk in np.split(residuals, jumps):
+    for chunk in _split_at_jumps(segment, interval):
         if len(chunk) >= MIN_CHUNK:
             levels.append(np.median(chunk))
-    return bool(np.any(np.diff(levels) < -3.0 * AGREEMENT * interval))
+    return bool(np.any(np.diff(levels) < -JUMP * interval))
+
+
+def _split_at_jumps(segment: _Segment, interval: float) -> list[Array]:
+    """Split the deviations of stamps from constant intervals where they jump."""
+    residuals = segment.stamps - interval * segment.rows
+    jumps = np.flatnonzero(np.abs(np.diff(residuals)) > JUMP * interval) + 1
+    return np.split(residuals, jumps)
+
+
+def _split_at_gaps(segment: _Segment, interval: float) -> list[Array]:
+    """Split the deviations of stamps at gaps, unless they jump back as well, as jitter does.
+
+    Parameters
+    ----------
+    segment : _Segment
+        Stamps without a large jump.
+    interval : float
+        Sampling interval in s.
+    """
+    if 0 < _count_gaps(segment, interval) <= MAX_GAPS:
+        return _split_at_jumps(segment, interval)
+    return [segment.stamps - interval * segment.rows]
+
+
+def _count_gaps(segment: _Segment, interval: float) -> int:
+    """Return the number of jumps of the deviations, or zero if one of them goes back."""
+    jumps = np.diff(segment.stamps - interval * segment.rows)
+    if np.any(jumps < -JUMP * interval):
+        return 0
+    return int(np.count_nonzero(jumps > JUMP * interval))
+
+
+def _measure_band(segment: _Segment, interval: float) -> float:
+    """Return the largest deviation of stamps from constant intervals between gaps."""
+    sizes = []
+    for part in _split_at_gaps(segment, interval):
+        sizes.append(np.max(np.abs(part - np.median(part))))
+    return float(max(sizes))
 
 
 def _find_anchor(segment: _Segment, interval: float, kind: StampKind) -> float:
@@ -285,9 +347,12 @@ def _find_anchor(segment: _Segment, interval: float, kind: StampKind) -> float:
     interval : float
         Sampling interval in s.
     kind : StampKind
-        Kind of the stamps: regular ones are followed by another one an interval later.
+        Kind of the stamps: regular ones are followed by another one an interval later, or several.
     """
+    if kind is StampKind.REGULAR and _is_cured_by_sorting(segment, interval):
+        return float(np.min(segment.stamps) - interval * segment.rows[0])
     rates = segment.time_steps / segment.row_steps / interval
-    pairs = np.flatnonzero(np.abs(rates - 1.0) <= 3.0 * AGREEMENT)
+    multiples = np.maximum(np.round(rates), 1.0)
+    pairs = np.flatnonzero(np.abs(rates - multiples) <= JUMP)
     anchor = pairs[0] if pairs.size and kind is StampKind.REGULAR else 0
     return float(segment.stamps[anchor] - interval * segment.rows[anchor])

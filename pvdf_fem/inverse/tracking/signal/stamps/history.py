@@ -15,7 +15,7 @@ MAX_SURPRISES = 8
 #: A change of the kind needs this number of stamps, or so large a fraction of equal steps.
 MIN_RECENT = HISTORY // 2
 SURE_AGREEMENT = 0.9
-#: Number of rows after which streams that are not regular are examined again.
+#: Largest number of rows after which the kind of stamps is examined again.
 REVIEW_ROWS = 512
 #: Fraction by which a fitted interval differs if the sampling rate has changed.
 CHANGED_INTERVAL = 0.1
@@ -40,7 +40,8 @@ class StampHistory:
         self._stamps: deque[tuple[int, float]] = deque(maxlen=HISTORY)
         self._stamp_count = 0
         self._surprises: deque[_Surprise] = deque(maxlen=MAX_SURPRISES)
-        self._next_review = REVIEW_ROWS
+        self._review_rows = HISTORY
+        self._next_review = HISTORY
         self._next_fit = 0
         self._reviewed_kind: StampKind | None = None
 
@@ -74,8 +75,9 @@ class StampHistory:
         kind : StampKind
             Assumed kind.
         """
-        self._next_review = row + REVIEW_ROWS
-        if kind is StampKind.REGULAR or len(self._stamps) < HISTORY:
+        self._review_rows = min(2 * self._review_rows, REVIEW_ROWS)
+        self._next_review = row + self._review_rows
+        if len(self._stamps) < HISTORY:
             return None
         fit = self._fit(self._stamps)
         if fit is None or fit.kind is kind:
@@ -129,8 +131,12 @@ class StampHistory:
         interval_s : float
             Interval of the filter in s.
         """
-        fit = self._fit(list(self._stamps)[-lag_count:])
-        return fit if fit and is_changed(fit.interval_s, interval_s) else None
+        recent = list(self._stamps)[-lag_count:]
+        fit = self._fit(recent)
+        if fit is None or fit.kind is StampKind.IRREGULAR:
+            return None
+        drift = abs(fit.interval_s - interval_s) * (recent[-1][0] - recent[0][0])
+        return fit if drift > max(fit.band_s, fit.interval_s) else None
 
     def _fit(self, entries: Iterable[tuple[int, float]]) -> StampFit | None:
         """Fit the entries whose stamps differ from the one before."""

@@ -83,6 +83,7 @@ class LearningBuffer:
             kind=StampKind.REGULAR,
             interval_s=interval,
             origin_s=0.0,
+            last_origin_s=0.0,
             band_s=0.0,
             repeat_s=0.0,
             stamp_count=len(stamps),

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import Enum, auto
 from typing import NamedTuple
-
-from pvdf_fem.arrays import Array
 
 
 class ClockEvent(Enum):
@@ -23,13 +22,13 @@ class StreamRow(NamedTuple):
 
     number: int  #: Number in the stream, from 0.
     stamp_s: float
-    values: Array
+    values: Sequence[float]
 
 
 class TimedRow(NamedTuple):
     """Sample with its time relative to the first stamp."""
 
     time_s: float
-    values: Array
+    values: Sequence[float]
     event: ClockEvent
     gap_s: float = 0.0  #: Time that is missing before it, beyond one interval.

@@ -41,10 +41,11 @@ SMALL_LAG = 0.1
 #: The interval is doubtful when this many stamps, or mean numbers, deviate to the same side.
 MIN_LAG_COUNT = 24
 MAX_LAG_CHUNKS = 5.0
-#: Largest change of an interval, as a fraction of it, by which jittered times are corrected ...
+#: Largest change of an interval, as a fraction of it, by which jittered times are corrected.
 MAX_SLEW = 0.04
-#: ... and by which they are brought back from beyond the tolerance.
-MAX_CATCH_UP = 0.5
+#: Larger differences are corrected in about this number of rows, but by no more than this fraction.
+SLEW_ROWS = 50.0
+MAX_CATCH_UP = 0.9
 #: Number of stamps that the filter keeps in mind when the band of jitter widens.
 WIDENED_MEMORY = 16
 
@@ -63,6 +64,9 @@ class TimeBase(ABC):
     ----------
     time_s : float
         Time that the last row was given, in s.
+    reference_s : float
+        Time of the last row by its stamp or by the filter, with which the next stamps are compared.
+        It differs from `time_s` while that is brought back to it.
     stamp_s, stamp_row : float, float
         Last stamp that was believed, and the number of its row; NaN and -inf before the first.
     tolerance_s : float
@@ -75,6 +79,7 @@ class TimeBase(ABC):
     def __init__(self, fit: StampFit, time_s: float) -> None:
         self.filter = StampFilter(time_s, fit.interval_s, fit.stamp_count, self.memory)
         self.time_s = time_s
+        self.reference_s = time_s
         self.stamp_s = math.nan
         self.stamp_row: float = -math.inf
         #: Last stamp that was not believed; others repeat it if it was that of a block.
@@ -94,11 +99,6 @@ class TimeBase(ABC):
     def interval_s(self) -> float:
         """Sampling interval in s."""
         return self.filter.interval_s
-
-    @property
-    def reference_s(self) -> float:
-        """Time to which the next stamps are compared."""
-        return self.time_s
 
     def is_repeated(self, stamp_s: float) -> bool:
         """Whether a stamp is expected to repeat the last one."""
@@ -120,11 +120,16 @@ class TimeBase(ABC):
             Its stamp in s.
         """
 
-    def estimate(self) -> float:
-        """Return the time of a row without a usable stamp, one interval after the last one."""
+    def estimate(self, step_s: float | None = None) -> float:
+        """Return the time of a row without a usable stamp.
+
+        Parameters
+        ----------
+        step_s : float, optional
+            Step from the last row in s; one interval by default.
+        """
         self.filter.time_s += self.filter.interval_s
-        self.time_s += self.filter.interval_s
-        return self.time_s
+        return self._advance(self.filter.interval_s if step_s is None else step_s)
 
     def begin_after_gap(self, row: int, stamp_s: float) -> float:
         """Return the time of the first row after a gap.
@@ -137,14 +142,43 @@ class TimeBase(ABC):
             Its stamp in s.
         """
         self.filter.time_s = stamp_s
-        return self._believe(row, stamp_s, stamp_s)
+        self.believe(row, stamp_s)
+        return self._advance(stamp_s - self.reference_s)
 
-    def _believe(self, row: int, stamp_s: float, time_s: float) -> float:
-        """Record a stamp, and return the time of its row."""
+    def continue_from(self, before: TimeBase, row: int, time_s: float) -> None:
+        """Continue the stream of another time base.
+
+        Parameters
+        ----------
+        before : TimeBase
+            Time base until now.
+        row : int
+            Number of the last row.
+        time_s : float
+            Time of the last row by the line fitted to the stamps, in s.
+        """
+        self.filter.time_s = time_s
+        self.stamp_s = before.stamp_s
+        self.stamp_row = before.stamp_row
+        self.reference_s = before.stamp_s + (row - before.stamp_row) * self.interval_s
+
+    def believe(self, row: int, stamp_s: float) -> None:
+        """Record a stamp that is not wrong, and the number of its row."""
         self.stamp_s = stamp_s
         self.stamp_row = row
-        self.time_s = time_s
-        return time_s
+
+    def _advance(self, step_s: float) -> float:
+        """Return the time of the next row, which is brought back to the reference if it is ahead.
+
+        Parameters
+        ----------
+        step_s : float
+            Step of the reference in s.
+        """
+        self.reference_s += step_s
+        slow_time = self.time_s + (1.0 - MAX_CATCH_UP) * step_s
+        self.time_s = max(self.reference_s, slow_time)
+        return self.time_s
 
 
 class RegularTimeBase(TimeBase):
@@ -161,7 +195,7 @@ class RegularTimeBase(TimeBase):
         """Return the stamp of a row that continues the stream, or None if it is suspicious."""
         stamp_filter = self.filter
         interval = stamp_filter.interval_s
-        step = stamp_s - self.time_s
+        step = stamp_s - self.reference_s
         error = stamp_s - stamp_filter.time_s - interval
         tolerance = self.tolerance_s
         if step <= 0.0 or (abs(step - interval) > tolerance and abs(error) > tolerance):
@@ -172,7 +206,8 @@ class RegularTimeBase(TimeBase):
         else:
             stamp_filter.correct(error, 1)
             self.tolerance_s = REGULAR_TOLERANCE * stamp_filter.interval_s
-        return self._believe(row, stamp_s, stamp_s)
+        self.believe(row, stamp_s)
+        return self._advance(step)
 
 
 class IrregularTimeBase(TimeBase):
@@ -187,14 +222,15 @@ class IrregularTimeBase(TimeBase):
 
     def accept(self, row: int, stamp_s: float) -> float | None:
         """Return the stamp of a row that continues the stream, or None if it is suspicious."""
-        step = stamp_s - self.time_s
+        step = stamp_s - self.reference_s
         if not 0.0 < step <= self.tolerance_s:
             return None
         stamp_filter = self.filter
         stamp_filter.time_s = stamp_s
         stamp_filter.interval_s += IRREGULAR_WEIGHT * (step - stamp_filter.interval_s)
         self.update_tolerance()
-        return self._believe(row, stamp_s, stamp_s)
+        self.believe(row, stamp_s)
+        return self._advance(step)
 
 
 class JitteredTimeBase(TimeBase):
@@ -209,11 +245,6 @@ class JitteredTimeBase(TimeBase):
     def __init__(self, fit: StampFit, time_s: float) -> None:
         super().__init__(fit, time_s)
         self._error_s = 0.0
-
-    @property
-    def reference_s(self) -> float:
-        """Time to which the next stamps are compared."""
-        return self.filter.time_s
 
     def is_repeated(self, stamp_s: float) -> bool:
         """Whether a stamp repeats the last one, as all those of a block do."""
@@ -238,29 +269,31 @@ class JitteredTimeBase(TimeBase):
             return None
         stamp_filter.time_s += stamp_filter.interval_s
         stamp_filter.correct(error, row - self.stamp_row)
-        if error * self._error_s > 0.0 and abs(error) > SMALL_LAG * stamp_filter.interval_s:
-            self.lag_count += 1
-        else:
-            self._end_lag()
-        self._error_s = error
+        if abs(error) > SMALL_LAG * stamp_filter.interval_s:
+            if error * self._error_s > 0.0:
+                self.lag_count += 1
+            else:
+                self._end_lag()
+            self._error_s = error
         excess = abs(error) - self.band_s
         decay = BAND_DECAY / self.chunk_size
         self.band_s += BAND_ATTACK * excess if excess > 0.0 else -decay * self.band_s
         self.update_tolerance()
-        return self._believe(row, stamp_s, self._approach(self.filter.time_s))
-
-    def estimate(self) -> float:
-        """Return the time of a row without a usable stamp, one interval after the last one."""
-        self.filter.time_s += self.filter.interval_s
-        self.time_s = self._approach(self.filter.time_s)
-        return self.time_s
+        self.believe(row, stamp_s)
+        return self._advance(stamp_filter.interval_s)
 
     def begin_after_gap(self, row: int, stamp_s: float) -> float:
         """Return the time of the first row after a gap."""
         gap = stamp_s - self.filter.time_s - self.filter.interval_s
         self.filter.time_s = stamp_s
         self.time_s += gap
-        return self._believe(row, stamp_s, self._approach(self.filter.time_s))
+        self.believe(row, stamp_s)
+        return self._advance(self.filter.interval_s)
+
+    def continue_from(self, before: TimeBase, row: int, time_s: float) -> None:
+        """Continue the stream of another time base."""
+        super().continue_from(before, row, time_s)
+        self.reference_s = time_s
 
     def _end_lag(self) -> None:
         """Adapt the memory to the number of stamps that deviate alike, as those of a chunk do."""
@@ -299,21 +332,20 @@ class JitteredTimeBase(TimeBase):
         self.filter.forget(round(WIDENED_MEMORY * self._memory_factor))
         self.update_tolerance()
 
-    def _approach(self, time_s: float) -> float:
+    def _advance(self, step_s: float) -> float:
         """Return the time of the next row, whose interval differs but little from the nominal one.
 
         Parameters
         ----------
-        time_s : float
-            Time of the row by the filter in s.
+        step_s : float
+            Nominal interval in s.
         """
-        interval = self.filter.interval_s
-        expected = self.time_s + interval
-        difference = time_s - expected
-        limit = MAX_SLEW * interval
-        if abs(difference) > self.tolerance_s:
-            limit = MAX_CATCH_UP * interval
-        return expected + max(-limit, min(limit, difference))
+        self.reference_s = self.filter.time_s
+        expected = self.time_s + step_s
+        difference = self.reference_s - expected
+        limit = min(max(MAX_SLEW * step_s, abs(difference) / SLEW_ROWS), MAX_CATCH_UP * step_s)
+        self.time_s = expected + max(-limit, min(limit, difference))
+        return self.time_s
 
 
 _TIME_BASES: dict[StampKind, type[TimeBase]] = {}

@@ -32,6 +32,12 @@ CHUNK_JITTER_ROWS = 4096
 #: jumps up to this multiple of the tolerance are jitter then, and no gaps.
 MIN_CHUNK_SIZE = 4.0
 MAX_CHUNK_SURPLUS = 2.0
+#: Largest band of jitter, in intervals, of stamps that may be regular again, ...
+MAX_BAND = 0.1
+#: ... and smallest number of gaps among the last stamps that explain a larger one.
+MIN_GAPS = 5
+#: Rate of delayed stamps, relative to that of the samples, while they catch up.
+CATCH_UP_RATE = 0.9
 #: Jittered stamps beyond the tolerance, but within this multiple of it, widen the band.
 MAX_BAND_SURPLUS = 3.0
 #: Number of recent gaps into which a late row may belong.
@@ -94,20 +100,29 @@ class Timeline:
             if timed:
                 return [timed]
         self._held.append(row)
-        rows: list[TimedRow] = []
-        while self._held:
-            verdict = judge_held_stamps(self._read_held_stamps(), self._make_reference())
-            if verdict is None:
-                break
-            rows.extend(self._apply(verdict))
-            rows.extend(self._accept_held())
-        return rows
+        return self._judge()
 
     def flush(self) -> list[TimedRow]:
         """Return the held rows at the end of the stream."""
+        return self._judge(is_last=True)
+
+    def _judge(self, *, is_last: bool = False) -> list[TimedRow]:
+        """Return the held rows that are explained by now.
+
+        Parameters
+        ----------
+        is_last : bool
+            Whether no more rows will come, so that all are returned.
+        """
         rows: list[TimedRow] = []
         while self._held:
-            rows.extend(self._pass_on_estimated(1))
+            reference = self._make_reference()
+            if is_last:
+                reference = reference._replace(hold_count=1)
+            verdict = judge_held_stamps(self._read_held_stamps(), reference)
+            if verdict is None:
+                break
+            rows.extend(self._apply(verdict))
             rows.extend(self._accept_held())
         return rows
 
@@ -144,8 +159,12 @@ class Timeline:
         """Change the kind of stamps or the interval if the last stamps show another one."""
         base = self._base
         fit = None
-        if self._history.is_review_due(row) and base.chunk_size <= MIN_CHUNK_SIZE:
+        if self._history.is_review_due(row):
             fit = self._history.review(row, base.kind)
+            # The last stamps may be those of a single chunk.
+            is_within_chunk = base.band_s > MAX_BAND * base.interval_s
+            if fit and fit.kind is StampKind.REGULAR and fit.gap_count < MIN_GAPS:
+                fit = None if is_within_chunk else fit
         if fit is None and base.lag_count == base.max_lag_count:
             fit = self._history.find_lag(base.lag_count, base.interval_s)
         if fit:
@@ -167,9 +186,7 @@ class Timeline:
         if fit.kind is not before.kind:
             self._note_kind(fit)
         self._base = make_time_base(fit, before.time_s)
-        self._base.filter.time_s = fit.origin_s + row * fit.interval_s
-        self._base.stamp_s = before.stamp_s
-        self._base.stamp_row = before.stamp_row
+        self._base.continue_from(before, row, fit.last_origin_s + row * fit.interval_s)
 
     def _note_kind(self, fit: StampFit) -> None:
         """Say that stamps are not regular."""
@@ -244,6 +261,11 @@ class Timeline:
         for row, stamp in zip(self._held, self._read_held_stamps(), strict=True):
             if not math.isnan(stamp):
                 entries.append((row.number, stamp))
+        # Stamps that were delayed come faster until they are on time again.
+        steps = (len(entries) - 1) * self._base.interval_s
+        is_ahead = entries[0][1] > self._base.reference_s + self._base.interval_s
+        if is_ahead and 0.0 < entries[-1][1] - entries[0][1] < CATCH_UP_RATE * steps:
+            return False
         fit = self._history.find_change(entries, self._base.kind, self._base.interval_s)
         if fit:
             self._change_base(fit, first - 1)
@@ -253,7 +275,7 @@ class Timeline:
         """Return the first held rows, whose stamps are wrong, at times between their neighbours."""
         base = self._base
         stamps = self._read_held_stamps()
-        start = base.time_s
+        start = base.reference_s
         end = math.nan
         if base.kind is not StampKind.JITTERED and count < len(stamps):
             longest = (count + 1 + REGULAR_TOLERANCE) * base.interval_s
@@ -264,12 +286,19 @@ class Timeline:
             row = self._held.popleft()
             self._suspect_s = stamps[i] - base.reference_s - base.interval_s
             self._note_wrong_stamp(row, stamps[i])
-            time = base.estimate()
-            if start < end:
-                time = start + (end - start) * (i + 1) / (count + 1)
-                base.time_s = time
-            rows.append(TimedRow(time, row.values, ClockEvent.ESTIMATED))
+            step = (end - start) / (count + 1) if start < end else base.interval_s
+            rows.append(TimedRow(base.estimate(step), row.values, ClockEvent.ESTIMATED))
+        if start < end:
+            rows.append(self._accept_next())
         return rows
+
+    def _accept_next(self) -> TimedRow:
+        """Return the first held row at its stamp, as far as it may be from the row before."""
+        timed = self._accept(self._held[0])
+        if timed is None:
+            return self._pass_on_at_stamp(0.0, ClockEvent.TICK)
+        self._held.popleft()
+        return timed
 
     def _note_wrong_stamp(self, row: StreamRow, stamp: float) -> None:
         """Count a stamp that is replaced, as jitter, repeated, or wild.
@@ -328,7 +357,7 @@ class Timeline:
         row = self._held.popleft()
         stamp = row.stamp_s + self._offset_s
         if gap_s > 0.0:
-            self._gaps.append(KnownGap(row.number, base.time_s, stamp))
+            self._gaps.append(KnownGap(row.number, base.reference_s, stamp))
         self._history.add(row.number, stamp)
         self._suspect_s = math.nan
         time = base.begin_after_gap(row.number, stamp)
@@ -356,8 +385,7 @@ class Timeline:
         self._suspect_s = math.nan
         self._history.clear()
         time = base.estimate()
-        base.stamp_s = row.stamp_s + self._offset_s
-        base.stamp_row = row.number
+        base.believe(row.number, row.stamp_s + self._offset_s)
         return TimedRow(time, row.values, ClockEvent.RESTART)
 
     # Jitter of chunks
@@ -398,7 +426,8 @@ class Timeline:
         fit = StampFit(
             kind=StampKind.JITTERED,
             interval_s=base.interval_s,
-            origin_s=base.time_s,
+            origin_s=0.0,
+            last_origin_s=0.0,
             band_s=BAND_SURPLUS * max(abs(offset_s), abs(self._jump_s)),
             repeat_s=0.0,
             stamp_count=REGULAR_MEMORY,
@@ -406,8 +435,7 @@ class Timeline:
         )
         jittered = JitteredTimeBase(fit, base.time_s)
         jittered.expect_chunks(self._held[0].number - self._jump_row)
-        jittered.stamp_s = base.stamp_s
-        jittered.stamp_row = base.stamp_row
+        jittered.continue_from(base, self._held[0].number - 1, base.reference_s)
         self._base = jittered
         self._note_kind(fit)
         self._jump_s = 0.0

@@ -128,7 +128,7 @@ def judge_held_stamps(stamps: Sequence[float], reference: StampReference) -> Ver
             return verdict
     verdict = _judge_shift(stamps[0], offsets, reference)
     if verdict is None and count >= reference.hold_count:
-        return _judge_at_limit(offsets)
+        return _judge_at_limit(offsets, reference)
     return verdict
 
 
@@ -220,7 +220,8 @@ def _judge_shift(
         needed = 1
     elif _fits_in_gap(first_stamp, reference):
         needed = reference.hold_count - 1
-    if abs(reference.suspect_s - first) <= tolerance:
+    if abs(reference.suspect_s - first) <= tolerance or any(math.isnan(o) for o in offsets):
+        # An earlier stamp that was judged wild, or others in a block, agree with the first one.
         needed = 1
     agreeing = 0
     for offset in followers:
@@ -265,11 +266,22 @@ def _agree_without_first(offsets: Sequence[float], agreeing: int, tolerance_s: f
     return count > max(agreeing, CONFIRMATIONS - 1)
 
 
-def _judge_at_limit(offsets: Sequence[float]) -> Verdict:
-    """Explain the first held stamp when no more rows may be held."""
-    if 0.0 < offsets[0] <= MAX_UNCONFIRMED_GAP_S and all(math.isnan(o) for o in offsets[1:]):
-        return Verdict(Explanation.GAP, 1, offsets[0])
-    return Verdict(Explanation.WILD, 1, offsets[0])
+def _judge_at_limit(offsets: Sequence[float], reference: StampReference) -> Verdict:
+    """Explain the first held stamp when no more rows may be held, or come.
+
+    Parameters
+    ----------
+    offsets : sequence of float
+        Differences in s from the expected stamps.
+    reference : StampReference
+        State of the stream before them.
+    """
+    first = offsets[0]
+    lowest = first - reference.tolerance_s
+    is_contradicted = any(offset < lowest for offset in offsets[1:])
+    if 0.0 < first <= MAX_UNCONFIRMED_GAP_S and not is_contradicted:
+        return Verdict(Explanation.GAP, 1, first)
+    return Verdict(Explanation.WILD, 1, first)
 
 
 def _judge_irregular(stamps: Sequence[float], reference: StampReference) -> Verdict | None:
@@ -305,6 +317,4 @@ def _judge_irregular(stamps: Sequence[float], reference: StampReference) -> Verd
         period = find_wrap_period(offset, reference.tolerance_s)
         explanation = Explanation.WRAP if period else Explanation.RESTART
         return Verdict(explanation, 1, -period if period else offset)
-    if count >= reference.hold_count:
-        return Verdict(Explanation.WILD, 1, offset)
-    return None
+    return _judge_at_limit([offset], reference) if count >= reference.hold_count else None

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.inverse.tracking.signal.harmonic_windows import (
+from pvdf_fem.inverse.tracking.signal.hum.harmonic_windows import (
     CombinedPhasors,
     WindowFits,
     WindowPlan,
@@ -17,7 +18,7 @@ from pvdf_fem.inverse.tracking.signal.harmonic_windows import (
     fit_windows,
     square_abs,
 )
-from pvdf_fem.inverse.tracking.signal.mains_oscillator import MainsOscillator, OscillatorDrift
+from pvdf_fem.inverse.tracking.signal.hum.mains_oscillator import MainsOscillator, OscillatorDrift
 
 #: Lower bound of the variance of a voltage in V², and relative to that of the noisiest channel, so
 #: that a channel that was constant for a while recovers.
@@ -28,6 +29,8 @@ MIN_RELATIVE_VARIANCE = 1e-2
 #: that is wrong by 0.2 Hz, the phase at both ends of half a second is wrong by 0.3 rad.
 RELATIVE_SPREADS = (0.3, 0.05, 0.02)
 
+#: Smallest number of windows in a search.
+MIN_WINDOWS = 3
 #: Fraction of the windows that has to agree.
 MIN_AGREEING_FRACTION = 0.5
 
@@ -69,7 +72,7 @@ def search_hum(
     Returns
     -------
     HumSearch
-        With the significance 0 if there are less than three windows.
+        With the significance 0 and an infinite variance if there are less than three windows.
 
     Notes
     -----
@@ -84,8 +87,8 @@ def search_hum(
         channel_count=channel_count,
         drift=drift,
     )
-    noise_variance = np.full(channel_count, MIN_VARIANCE_V2)
-    if len(times_s) < 3 * plan.window_samples:
+    noise_variance = np.full(channel_count, math.inf)
+    if len(times_s) < MIN_WINDOWS * plan.window_samples * plan.decimation:
         return HumSearch(oscillator, 0.0, agreeing_fraction=0.0, noise_variance=noise_variance)
     for relative_spread in RELATIVE_SPREADS:
         fits = fit_block(oscillator, times_s, voltages, plan=plan)
@@ -121,12 +124,13 @@ def fit_block(
     plan : WindowPlan
         Harmonics and windows.
     """
-    phase_rad = oscillator.predict_phase(times_s)
-    filled = voltages
-    if np.isnan(voltages).any():
-        filled = fill_missing(voltages, oscillator.predict_hum(times_s))
-    fits = fit_windows(times_s, filled, phase_rad, plan)
-    return discount_incomplete(fits, times_s, voltages, plan)
+    times = plan.decimate(times_s)
+    values = plan.decimate(voltages)
+    filled = values
+    if np.isnan(values).any():
+        filled = fill_missing(values, oscillator.predict_hum(times))
+    fits = fit_windows(times, filled, oscillator.predict_phase(times), plan)
+    return discount_incomplete(fits, times, values, plan)
 
 
 def compute_significance(combined: CombinedPhasors) -> float:

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.inverse.tracking.signal.harmonic_windows import (
+from pvdf_fem.inverse.tracking.signal.hum.harmonic_windows import (
     CombinedPhasors,
     Phasors,
     WindowFits,
     square_abs,
 )
 
+#: Lower bound of the variance of a phasor in V².
+MIN_VARIANCE_V2 = 1e-24
 #: Largest change by one update, in standard deviations of the innovation; larger ones are clipped.
 MAX_INNOVATION = 3.0
 #: Innovations of two successive updates that exceed this number of standard deviations, and differ
@@ -88,6 +90,11 @@ class MainsOscillator:
         self._last_innovation: Phasors | None = None
 
     @property
+    def _prior_angular_variance(self) -> float:
+        """Variance of the angular frequency about its nominal value, before any data."""
+        return (0.5 * math.pi * self.drift.max_deviation_Hz) ** 2
+
+    @property
     def has_lost_phase(self) -> bool:
         """Whether the phase is so uncertain that the next update has to restart it."""
         return self._phase_variance > LOST_PHASE_RAD**2
@@ -151,7 +158,7 @@ class MainsOscillator:
         information = np.square(self.harmonics) * power
         elapsed = fits.times_s - combined.time_s
         normal = float(np.square(elapsed) @ information.sum(axis=1))
-        prior = (0.5 * math.pi * self.drift.max_deviation_Hz) ** 2
+        prior = self._prior_angular_variance
         deviation = 2.0 * math.pi * (self.frequency_Hz - self.nominal_Hz)
         gradient = float(elapsed @ (rotation * information).sum(axis=1)) - deviation / prior
         self._angular_variance = 1.0 / (normal + 1.0 / prior)
@@ -166,14 +173,16 @@ class MainsOscillator:
         walk = (2.0 * math.pi * self.drift.frequency_walk_Hz) ** 2
         self._phase_variance = self.predict_phase_variance(time_s)
         self._covariance += step * self._angular_variance + walk * step * abs(step) / 2.0
-        self._angular_variance += walk * abs(step)
+        self._angular_variance = min(
+            self._angular_variance + walk * abs(step), self._prior_angular_variance
+        )
         relative_walk = self.drift.relative_phasor_walk**2 * abs(step)
         self.variance = self.variance + relative_walk * square_abs(self.phasors)
         phase = self.phase_rad + 2.0 * math.pi * self.frequency_Hz * step
         self.phase_rad = math.remainder(phase, 2.0 * math.pi)
         self.time_s = time_s
 
-    def update(self, combined: CombinedPhasors) -> bool:
+    def update(self, combined: CombinedPhasors) -> float:
         """Update phase, frequency and phasors by the phasors of new windows.
 
         Parameters
@@ -183,23 +192,25 @@ class MainsOscillator:
 
         Returns
         -------
-        bool
-            Whether the phasors agree with the prediction, as far as there are any.
+        float
+            Change of the phasors relative to their absolute values, at most 1; 0 if no window counts.
         """
         if combined.weights.sum(axis=0).max() < MIN_WINDOWS:
-            return True
+            return 0.0
         self.move_to(combined.time_s)
         if self.has_lost_phase:
             self.phasors = combined.phasors
             self.variance = combined.variance
             self._phase_variance = 0.0
             self._covariance = 0.0
-            return True
+            return 0.0
         innovation = combined.phasors - self.phasors
         is_jump = self._detect_jump(innovation, combined)
         rotated = combined.phasors * self._update_phase(innovation, combined)
         self._update_phasors(rotated, combined.variance, is_jump)
-        return not is_jump.any()
+        change = float((square_abs(innovation) / combined.variance).sum())
+        total = float((square_abs(combined.phasors) / combined.variance).sum())
+        return math.sqrt(change / total) if change < total else 1.0
 
     def lose_phase(self) -> None:
         """Make the phase unknown, as after a step of the clock."""
@@ -282,7 +293,8 @@ class MainsOscillator:
         clipped = _clip(innovation, variance + self.variance)
         gain = self.variance / (self.variance + variance)
         self.phasors = np.where(is_jump, measured, self.phasors + gain * clipped)
-        self.variance = np.where(is_jump, variance, self.variance * (1.0 - gain))
+        updated = np.where(is_jump, variance, self.variance * (1.0 - gain))
+        self.variance = np.maximum(updated, MIN_VARIANCE_V2)
 
     def _change_frequency(self, step_rad_s: float) -> None:
         """Change the frequency within its limits, by an angular frequency in rad/s."""

@@ -9,14 +9,14 @@ from enum import Enum, auto
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.inverse.tracking.signal.harmonic_windows import (
+from pvdf_fem.inverse.tracking.signal.hum.harmonic_windows import (
     CombinedPhasors,
     WindowFits,
     WindowPlan,
     combine_windows,
     square_abs,
 )
-from pvdf_fem.inverse.tracking.signal.hum_search import (
+from pvdf_fem.inverse.tracking.signal.hum.hum_search import (
     MIN_AGREEING_FRACTION,
     HumSearch,
     bound_variance,
@@ -25,11 +25,15 @@ from pvdf_fem.inverse.tracking.signal.hum_search import (
     fit_block,
     search_hum,
 )
-from pvdf_fem.inverse.tracking.signal.mains_oscillator import MainsOscillator, OscillatorDrift
+from pvdf_fem.inverse.tracking.signal.hum.mains_oscillator import MainsOscillator, OscillatorDrift
 
 #: Factors by which the variance of the noise falls and grows at most from block to block.
 VARIANCE_FALL = 0.8
 VARIANCE_GROWTH = 1.1
+
+#: Logarithm of the largest ratio of the variances of the residuals at the frequency of the hum and at
+#: another nominal frequency.
+MAX_LOG_RATIO = 0.7
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,8 @@ class MainsHumOptions:
     min_quiet_fraction: float = 0.7
     #: Number of further blocks that must agree with hum before it is subtracted, otherwise.
     confirming_blocks: int = 3
+    #: Largest change of the phasors, relative to their absolute values, in such a block.
+    max_change: float = 0.3
     #: Number of blocks after which unconfirmed or insignificant hum is given up.
     patience_blocks: int = 20
     #: While there is no hum, one of so many blocks is searched for it.
@@ -142,11 +148,8 @@ class HumFollower:
         if not self._plans:
             self.state = HumState.UNKNOWN
             return
-        searches = [self._search(plan, times_s, voltages) for plan in self._plans]
-        significances = [search.significance for search in searches]
-        best = int(np.argmax(significances))
-        self._start(best, searches[best])
-        if self.oscillator and searches[best].agreeing_fraction >= options.min_quiet_fraction:
+        search = self._start_best(times_s, voltages)
+        if self.oscillator and search.agreeing_fraction >= options.min_quiet_fraction:
             self.state = HumState.PRESENT
 
     def add_block(self, times_s: Array, voltages: Array) -> None:
@@ -165,8 +168,10 @@ class HumFollower:
         self._block_count += 1
         search_count, is_skipped = divmod(self._block_count, self._options.blocks_per_search)
         if not is_skipped:
-            index = search_count % len(self._plans)
-            self._start(index, self._search(self._plans[index], times_s, voltages))
+            plan = self._plans[search_count % len(self._plans)]
+            search = self._search(plan, times_s, voltages)
+            if search.significance >= self._options.min_significance:
+                self._start_best(times_s, voltages)
 
     def handle_pause(self, step_s: float) -> None:
         """Prepare for samples after a pause, or after a step of the clock that is not positive."""
@@ -187,18 +192,34 @@ class HumFollower:
             min_significance=self._options.min_significance,
         )
 
-    def _start(self, plan_index: int, search: HumSearch) -> None:
-        """Start to follow the hum that a search has found, if any."""
-        if search.significance < self._options.min_significance:
-            return
-        self._plan_index = plan_index
-        self._noise_variance = search.noise_variance
-        self._confirmed_blocks = 0
-        self._idle_blocks = 0
-        self.state = HumState.UNCONFIRMED
-        self.oscillator = search.oscillator
-        self.is_significant = np.zeros(search.oscillator.phasors.shape, dtype=bool)
-        self._select_phasors(search.oscillator)
+    def _start_best(self, times_s: Array, voltages: Array) -> HumSearch:
+        """Start to follow the most significant hum of all nominal frequencies in a block, if any.
+
+        Parameters
+        ----------
+        times_s : ndarray, shape (n,)
+            Times of the samples.
+        voltages : ndarray, shape (n, electrodes)
+            Voltages in V, NaN where they are missing.
+        """
+        searches = [self._search(plan, times_s, voltages) for plan in self._plans]
+        significances = [search.significance for search in searches]
+        log_variances = [float(np.log(search.noise_variance).mean()) for search in searches]
+        best = int(np.argmax(significances))
+        search = searches[best]
+        # Hum of 60 Hz that touches interrupt five times a second may seem to be of 50 Hz, but its
+        # fits are worse than those of 60 Hz.
+        is_poor = log_variances[best] > min(log_variances) + MAX_LOG_RATIO
+        if search.significance >= self._options.min_significance and not is_poor:
+            self._plan_index = best
+            self._noise_variance = search.noise_variance
+            self._confirmed_blocks = 0
+            self._idle_blocks = 0
+            self.state = HumState.UNCONFIRMED
+            self.oscillator = search.oscillator
+            self.is_significant = np.zeros(search.oscillator.phasors.shape, dtype=bool)
+            self._select_phasors(search.oscillator)
+        return search
 
     def _give_up(self) -> None:
         """Return to the state without hum."""
@@ -222,31 +243,31 @@ class HumFollower:
         plan = self._plans[self._plan_index]
         fits = fit_block(oscillator, times_s, voltages, plan=plan)
         combined = combine_windows(fits, oscillator.phasors, self._noise_variance)
-        is_agreeing = oscillator.update(combined)
+        change = oscillator.update(combined)
         self._update_noise(fits)
         self._select_phasors(oscillator)
         self._idle_blocks += 1
         if self.state is HumState.UNCONFIRMED:
-            self._confirm(combined, is_agreeing)
+            self._confirm(combined, change)
         elif self.is_significant.any():
             self._idle_blocks = 0
         if self._idle_blocks >= self._options.patience_blocks:
             self._give_up()
 
-    def _confirm(self, combined: CombinedPhasors, is_agreeing: bool) -> None:
+    def _confirm(self, combined: CombinedPhasors, change: float) -> None:
         """Count a block for or against hum that is not confirmed yet.
 
         Parameters
         ----------
         combined : CombinedPhasors
             Phasors of the block.
-        is_agreeing : bool
-            Whether they agree with the prediction.
+        change : float
+            Their change from the prediction relative to their absolute values.
         """
         if combined.weights.mean(axis=0).max() < MIN_AGREEING_FRACTION:
             return  # A touch disturbs the block.
         is_hum = compute_significance(combined) >= self._options.min_significance
-        if not (is_hum and is_agreeing):
+        if not is_hum or change > self._options.max_change:
             self._give_up()
             return
         self._confirmed_blocks += 1

@@ -32,6 +32,9 @@ PERIODS_PER_WINDOW = 3.0
 MAX_RELATIVE_FREQUENCY = 0.45
 MIN_FREQUENCY_HZ = 8.0
 
+#: Faster streams are decimated to this rate, so that the fits of a block take a millisecond.
+DECIMATED_RATE_HZ = 4000.0
+
 #: Smallest number of samples in a window for each coefficient of its fit. Three windows of 13 samples
 #: then fit into half a second at 80 Hz.
 SAMPLES_PER_COEFFICIENT = 1.8
@@ -74,8 +77,10 @@ class WindowPlan:
     nominal_Hz: float
     rate_Hz: float
     harmonics: Indices  #: Multiples of the mains frequency, shape (harmonics,).
-    window_samples: int
+    window_samples: int  #: After decimation.
     window_count: int  #: Windows that are combined at a time.
+    #: Number of successive samples that are replaced by their mean before the fit.
+    decimation: int = 1
 
     @classmethod
     def from_rate(
@@ -110,12 +115,14 @@ class WindowPlan:
             if is_fast and frequency_Hz <= MAX_RELATIVE_FREQUENCY * rate_Hz:
                 multiples.append(multiple)
                 slowest_Hz = min(slowest_Hz, frequency_Hz)
+        decimation = max(int(rate_Hz / DECIMATED_RATE_HZ), 1)
         coefficient_count = POLYNOMIAL_DEGREE + 1 + 2 * len(multiples)
-        samples = PERIODS_PER_WINDOW * rate_Hz / slowest_Hz
+        samples = PERIODS_PER_WINDOW * rate_Hz / (slowest_Hz * decimation)
         window_samples = max(
             math.ceil(samples), math.ceil(SAMPLES_PER_COEFFICIENT * coefficient_count)
         )
-        window_count = max(round(block_s * rate_Hz / window_samples), 3)
+        window_s = window_samples * decimation / rate_Hz
+        window_count = max(round(block_s / window_s), 3)
         harmonics = np.array(multiples, dtype=np.int64)
         return cls(
             nominal_Hz,
@@ -123,12 +130,47 @@ class WindowPlan:
             harmonics=harmonics,
             window_samples=window_samples,
             window_count=window_count,
+            decimation=decimation,
         )
 
     @property
     def block_samples(self) -> int:
-        """Number of samples in the windows that are combined at a time."""
-        return self.window_samples * self.window_count
+        """Number of samples in the windows that are combined at a time, before decimation."""
+        return self.window_samples * self.window_count * self.decimation
+
+    @property
+    def window_s(self) -> float:
+        """Duration of a window in s."""
+        return self.window_samples * self.decimation / self.rate_Hz
+
+    @property
+    def gains(self) -> Array:
+        """Factors by which the decimation reduces the harmonics, shape (harmonics,).
+
+        The mean of q samples of a sine is reduced by sin(q x)/(q sin x), where 2 x is the phase
+        between two samples.
+        """
+        half_phase = np.pi * self.nominal_Hz * self.harmonics / self.rate_Hz
+        return np.sin(self.decimation * half_phase) / (self.decimation * np.sin(half_phase))
+
+    def decimate(self, values: Array) -> Array:
+        """Replace successive samples by their means.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n, ...)
+            A value for each sample. What is left at the end is ignored.
+
+        Returns
+        -------
+        ndarray, shape (n // decimation, ...)
+            The means; NaN where a value is NaN.
+        """
+        if self.decimation == 1:
+            return values
+        count = len(values) // self.decimation
+        used = values[: count * self.decimation]
+        return used.reshape(count, self.decimation, *values.shape[1:]).mean(axis=1)
 
 
 class WindowFits(NamedTuple):
@@ -166,7 +208,7 @@ def fit_windows(times_s: Array, voltages: Array, phase_rad: Array, plan: WindowP
     Parameters
     ----------
     times_s : ndarray, shape (n,)
-        Times of the samples. Samples after the last full window are ignored.
+        Times of the samples, after decimation. Samples after the last full window are ignored.
     voltages : ndarray, shape (n, electrodes)
         Voltages in V without NaN, see `fill_missing`.
     phase_rad : ndarray, shape (n,)
@@ -185,7 +227,7 @@ def fit_windows(times_s: Array, voltages: Array, phase_rad: Array, plan: WindowP
     time = times_s[:used].reshape(count, samples)
     values = voltages[:used].reshape(count, samples, -1)
     values = values - values[:, :1]
-    design = _make_design(time, phase_rad[:used], plan.harmonics)
+    design = _make_design(time, phase_rad[:used], plan)
     transposed = design.transpose(0, 2, 1)
     ridge = RELATIVE_RIDGE * samples * np.eye(design.shape[2])
     inverse = np.linalg.inv(transposed @ design + ridge)
@@ -208,7 +250,7 @@ def fit_windows(times_s: Array, voltages: Array, phase_rad: Array, plan: WindowP
     )
 
 
-def _make_design(time_s: Array, phase_rad: Array, harmonics: Indices) -> Array:
+def _make_design(time_s: Array, phase_rad: Array, plan: WindowPlan) -> Array:
     """Make the design matrices: Legendre polynomials, cosines and sines.
 
     Parameters
@@ -217,14 +259,15 @@ def _make_design(time_s: Array, phase_rad: Array, harmonics: Indices) -> Array:
         Times of the samples.
     phase_rad : ndarray, shape (windows * samples,)
         Phase of the mains at each sample.
-    harmonics : ndarray, shape (harmonics,)
-        Multiples of the mains frequency.
+    plan : WindowPlan
+        Harmonics, and the factors by which the decimation reduces them.
 
     Returns
     -------
     ndarray, shape (windows, samples, coefficients)
         The columns of the polynomials, of the cosines and of the sines.
     """
+    harmonics = plan.harmonics
     first = POLYNOMIAL_DEGREE + 1
     middle = first + len(harmonics)
     design = np.empty((*time_s.shape, middle + len(harmonics)))
@@ -239,7 +282,10 @@ def _make_design(time_s: Array, phase_rad: Array, harmonics: Indices) -> Array:
     # Successive powers of exp(i φ) cost a tenth of the cosines and sines of all multiples.
     powers = np.empty((len(phase_rad), harmonics[-1]), dtype=complex)
     powers[:] = np.exp(1j * phase_rad)[:, None]
-    rotations = np.cumprod(powers, axis=1)[:, harmonics - 1].reshape(*time_s.shape, -1)
+    columns: Phasors = np.multiply.accumulate(powers, axis=1)[:, harmonics - 1]
+    if plan.decimation > 1:
+        columns = columns * plan.gains
+    rotations = columns.reshape(*time_s.shape, -1)
     design[..., first:middle] = rotations.real
     design[..., middle:] = rotations.imag
     return design
@@ -294,8 +340,7 @@ def discount_incomplete(
     count = len(fits.times_s)
     used = count * plan.window_samples
     time = times_s[:used].reshape(count, -1)
-    duration = plan.window_samples / plan.rate_Hz
-    has_pause = time[:, -1] - time[:, 0] > MAX_RELATIVE_DURATION * duration
+    has_pause = time[:, -1] - time[:, 0] > MAX_RELATIVE_DURATION * plan.window_s
     is_missing = np.isnan(voltages[:used]).reshape(count, plan.window_samples, -1)
     is_incomplete = is_missing.mean(axis=1) > MAX_MISSING_FRACTION
     is_incomplete |= has_pause[:, None]
