@@ -135,11 +135,11 @@ class Scene(Result, Section):
         )
         tables = SceneTables(self.film, observable, load=self.load, probes=probes)
         yield from find_incompatible_keys(tables)
+        names = [electrode.name for electrode in self.electrode_list]
         if self.readout is not None:
-            names = [electrode.name for electrode in self.electrode_list]
             yield from self.readout.find_channel_errors(names)
         if self.calibration is not None:
-            yield from self.calibration.find_key_errors(self)
+            yield from self.calibration.find_key_errors(self.film, names)
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, model_validator
@@ -13,9 +13,6 @@ from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.keys import Finite, Key, Section, make_validation_error
 from pvdf_fem.scene.registry import FILM_LOAD_CLASSES
 from pvdf_fem.scene.scene_file import format_error, suggest
-
-if TYPE_CHECKING:
-    from pvdf_fem.scene.scene import Scene
 
 STAGE_KEYS = ("stage.x_mm", "stage.y_mm", "stage.rotation_deg")
 #: Numbers of the film that change the charges of a touch smoothly.
@@ -99,12 +96,19 @@ class CalibratedParameters(Section):
             correlations = np.array(self.correlations, dtype=float).reshape(count, count)
         return correlations * np.outer(self.deviations, self.deviations)
 
-    def find_key_errors(self, scene: Scene) -> Iterator[str]:
-        """Yield a message for each key that is not a calibrated value of a scene."""
-        electrodes = [electrode.name for electrode in scene.electrode_list]
+    def find_key_errors(self, film: Section, electrodes: Sequence[str]) -> Iterator[str]:
+        """Yield a message for each key that is not a calibrated value of a scene.
+
+        Parameters
+        ----------
+        film : Film
+            Film of the scene.
+        electrodes : sequence of str
+            Names of the scene's electrodes.
+        """
         channel_keys = [key + name for key in CHANNEL_KEYS for name in electrodes]
         for key in self.keys:
-            if key in STAGE_KEYS or key in channel_keys or _is_film_number(scene, key):
+            if key in STAGE_KEYS or key in channel_keys or _is_film_number(film, key):
                 continue
             advice = suggest(key, [*channel_keys, *STAGE_KEYS])
             if key.startswith("film."):
@@ -129,13 +133,13 @@ def _explain_bad_correlations(rows: tuple[tuple[float, ...], ...], count: int) -
     return ""
 
 
-def _is_film_number(scene: Scene, key: str) -> bool:
-    """Return whether a scene has a number under a key of the film."""
+def _is_film_number(film: Section, key: str) -> bool:
+    """Return whether a film has a number under a key such as ``film.thickness_um``."""
     section, _, name = key.partition(".")
     if section != "film" or name.removesuffix(".0").removesuffix(".1") not in FILM_NAMES:
         return False
     try:
-        get_number(scene, key)
+        get_number(film, name)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError):
         return False
     return True
