@@ -419,6 +419,7 @@ class Timeline:
         base = self._base
         if isinstance(base, JitteredTimeBase):
             base.widen_band(offset_s)
+            base.forget_most()
             return
         # A restart before is undone; a gap before cannot be.
         if self._jump_s < 0.0:
