@@ -249,7 +249,7 @@ def _locate_by_response(
     errors += find_quantity_errors(response.domain, request.unknown, known, default, centre_mm)
     if errors:
         raise ValueError("\n".join(errors))
-    fixed = _fix_coordinates({**default, **known}, request.unknown, centre_mm)
+    fixed = _compute_fixed_coordinates({**default, **known}, request.unknown, centre_mm)
     columns = [i for i, name in enumerate(TOUCH_QUANTITIES) if name in request.unknown]
     unknown_columns = np.array(columns)
     measurement = request.make_measurement(response)
@@ -268,7 +268,7 @@ def _locate_by_response(
     return replace(location, explanations=tuple(explanations))
 
 
-def _fix_coordinates(
+def _compute_fixed_coordinates(
     values: Mapping[str, float], unknown: Sequence[str], centre_mm: tuple[float, float]
 ) -> dict[int, float]:
     """Convert the values of the fixed quantities to coordinates, by column.

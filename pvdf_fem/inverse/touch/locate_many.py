@@ -194,12 +194,12 @@ def _locate_rows(
         posterior distribution and the number of alternatives.
     """
     unknown = np.array([i for i in range(len(TOUCH_QUANTITIES)) if i not in known])
-    fixed = _fix_coordinates(known, rows)
+    fixed = _compute_fixed_coordinates(known, rows)
     problem = measurement.make_problem(readings_pC, unknown)
     ends = search_rows(problem, fixed, count=1)
     failed = np.flatnonzero(~mark_explained(problem, ends))
     if failed.size:
-        failed_fixed = _fix_coordinates(known, rows[failed])
+        failed_fixed = _compute_fixed_coordinates(known, rows[failed])
         failed_problem = problem.select_rows(failed)
         retried = search_rows(failed_problem, failed_fixed, DEFAULT_OPTIONS.retry_candidates)
         ends.replace_worse(failed, retried)
@@ -216,12 +216,12 @@ def _locate_rows(
     is_unexplained = ~touches.explained[rows]
     unexplained = rows[is_unexplained]
     unexplained_pC = readings_pC[is_unexplained]
-    unexplained_fixed = _fix_coordinates(known, unexplained)
+    unexplained_fixed = _compute_fixed_coordinates(known, unexplained)
     for found in find_explanations(measurement, unexplained_pC, unknown, unexplained_fixed):
         touches.explanations[unexplained[found.rows]] += f"; explained if {found.text}"
 
 
-def _fix_coordinates(known: Mapping[int, Array], rows: Indices) -> dict[int, Array]:
+def _compute_fixed_coordinates(known: Mapping[int, Array], rows: Indices) -> dict[int, Array]:
     """Compute the coordinates of the known quantities of some rows, by column.
 
     Parameters
