@@ -197,7 +197,7 @@ class Membrane(Laminate, Term):
         return matrices + self._compute_damping(state) if self.law.wrinkles else matrices
 
     def _multiply_tangents(self, state: State, stiffness: Array, chunk: slice) -> Array:
-        """Compute the tangents of a chunk of elements, block by block of displacement components.
+        """Compute the tangents of a chunk of elements, a block for each pair of components.
 
         Parameters
         ----------

@@ -63,12 +63,12 @@ class ReadingLimits(NamedTuple):
         return is_high.astype(int) - is_low.astype(int)
 
     def replace_clipped(self, readings: Array, sides: Indices) -> Array:
-        """Return readings with the limits in place of clipped ones; arguments as in `find_sides`."""
+        """Return readings with the limits in place of clipped ones; see `find_sides`."""
         limited = np.where(sides > 0, self.high, readings)
         return np.where(sides < 0, self.low, limited)
 
     def tighten(self, other: ReadingLimits) -> ReadingLimits:
-        """Return for each channel the narrower ones of two limits."""
+        """Return the narrower of two pairs of limits for each channel."""
         return ReadingLimits(np.maximum(self.low, other.low), np.minimum(self.high, other.high))
 
     def scale(self, factors: Array) -> ReadingLimits:
@@ -77,7 +77,7 @@ class ReadingLimits(NamedTuple):
 
 
 def compute_volts_per_unit(channels: Sequence[Channel], unit: str) -> Array:
-    """Compute for each channel how many volts one unit of readings is; shape (channels,)."""
+    """Compute the size of a unit of readings in V for each channel; shape (channels,)."""
     units_pC = list_units_pC(channels)
     return units_pC[unit] / units_pC["V"]
 

@@ -104,7 +104,7 @@ def find_other_unit(
     rotations_deg: Array | None = None,
     forces_N: Array | None = None,
 ) -> OtherUnit | None:
-    """Find the unit in which touches explain readings, if it is clearly not the one of the user.
+    """Find the unit in which touches explain readings, if it is clearly not the given one.
 
     Parameters
     ----------
@@ -125,9 +125,9 @@ def find_other_unit(
     Returns
     -------
     OtherUnit or None
-        None unless other units are clear: each explains at least half of the rows, and ten times
-        as many as `unit`; or no unit explains any row, as if channels were swapped, and the sizes of
-        all readings are possible in the other unit, pC or V, and of none in `unit`.
+        The units that explain at least half of the rows, and more than ten times as many as `unit`.
+        If no unit explains any row, for example because channels are swapped, pC or V if the sizes
+        of all readings are possible in it but of none in `unit`. Otherwise None.
     """
     known: dict[int, Array] = {}
     if rotations_deg is not None:
@@ -190,7 +190,7 @@ class _UnitTest:
         return [by_name[name] for name in self.names]
 
     def _make_measurement(self, unit: str) -> Measurement:
-        """Describe how the electrodes are read, if the readings are in a unit."""
+        """Describe how the electrodes are read, if the readings are in the given unit."""
         noise_pC = None
         if self.noise is not None:
             sizes_pC = get_units_pC(self.response.scene, unit)
@@ -200,7 +200,7 @@ class _UnitTest:
         )
 
     def _count_explained(self, unit: str) -> int:
-        """Count the rows that a touch explains if the readings are in a unit."""
+        """Count the rows that a touch explains if the readings are in the given unit."""
         unknown = [i for i in range(len(TOUCH_QUANTITIES)) if i not in self.known]
         readings_pC = self.readings * list_units_pC(self.channels)[unit]
         problem = self._make_measurement(unit).make_problem(readings_pC, np.array(unknown))
@@ -220,7 +220,7 @@ class _UnitTest:
         return float(sizes.min()) / RANGE_MARGIN, float(sizes.max()) * RANGE_MARGIN
 
     def _count_possible(self, unit: str) -> int:
-        """Count the rows whose size is possible if the readings are in a unit."""
+        """Count the rows whose size is possible if the readings are in the given unit."""
         readings_pC = self.readings * list_units_pC(self.channels)[unit]
         sizes = np.linalg.norm(self._make_measurement(unit).to_signals(readings_pC), axis=1)
         lowest, highest = self._size_range_pC

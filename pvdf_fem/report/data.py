@@ -48,9 +48,9 @@ class DataSource(Section):
     the CSV file. Columns are keys of a scene (``x_mm``, ``force_N``, ``film.thickness_um``, ...),
     electrodes, or labels listed in `labels`. The column ``error_mm`` has position errors that the
     authors of the data report. `where` selects rows by the values in columns; `set` changes the
-    scene of every row. Readings are in `unit`, by default that in the file, or pC. `reading` is ``"total"`` or
-    ``"change"``; by default it is that of the scene's `[readout]`, or ``"total"`` without one.
-    `what` is the word for the readings on the page.
+    scene of every row. Readings are in `unit`, by default that in the file, or pC. `reading` is
+    ``"total"`` or ``"change"``; by default it is that of the scene's `[readout]`, or ``"total"``
+    without one. `what` is the word for the readings on the page.
     """
 
     file: str | None = None

@@ -395,8 +395,9 @@ def _decide_status(
 def _explain_status(level: MeshLevel, status: Status, *, stop: Stop, change: float | None) -> str:
     """Return the advice for a status, with the numbers of this solve.
 
-    If the tolerance is not reached, the tolerance that can be reached is added; if the film has
-    converged, the relative `change` of a charge due to wrinkles, if it exceeds the tolerance.
+    If the tolerance is not reached, the advice includes the tolerance that can be reached. If the
+    solve has converged, but the relative `change` of a charge due to wrinkles exceeds the
+    tolerance, it includes this change.
     """
     tolerance = level.problem.scene.numerics.tolerance
     if status is Status.TOLERANCE:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.response_domain import ResponseDomain
+from pvdf_fem.scene.instrument.response_domain import ResponseDomain
 from pvdf_fem.scene.scene import Scene
 
 #: Names of the quantities of a touch, in the order of its row.

@@ -156,7 +156,8 @@ def run(options: argparse.Namespace) -> int:
     try:
         if is_calibrated and options.output:
             with replace_file(options.output) as temporary:
-                temporary.write_text(calibration.scene.to_toml(), encoding="utf-8")
+                sensor = calibration.scene.with_(**{"calibration.date": str(date.today())})
+                temporary.write_text(sensor.to_toml(), encoding="utf-8")
         if options.page:
             _write_page(calibration, options)
     finally:  # print the calibration even if a file cannot be written

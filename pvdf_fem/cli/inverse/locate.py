@@ -8,9 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from pvdf_fem.cli.inverse.calibration_option import add_calibration_option
 from pvdf_fem.cli.inverse.locate_request import UNKNOWN_HELP, Request, require_locatable
 from pvdf_fem.cli.inverse.recording_options import add_recording_options
-from pvdf_fem.cli.inverse.unit_option import add_unit_option, choose_unit
+from pvdf_fem.cli.inverse.unit_choice import choose_unit
+from pvdf_fem.cli.inverse.unit_option import add_unit_option
 from pvdf_fem.cli.options import (
     add_noise_options,
     add_scene_command,
@@ -149,6 +151,7 @@ def add_parser(commands: Any) -> None:
         help="another scene, with another probe, that may have given the charges; all are "
         "compared by likelihood. May be repeated",
     )
+    add_calibration_option(parser)
     add_recording_options(parser)
     add_response_options(parser)
     add_plot(parser, "the likelihood of the touch by position")
@@ -238,6 +241,7 @@ def _rank_probe_matches(scenes: Mapping[str, Scene], request: Request) -> tuple[
         "noise_pC": request.noise_pC(sensor),
         "unknown": request.unknown,
         "reading": request.reading,
+        "include_calibration": request.include_calibration,
     }
     if request.needs_solves:
         location = locate(
@@ -257,7 +261,9 @@ def _rank_probe_matches(scenes: Mapping[str, Scene], request: Request) -> tuple[
     require_locatable(scenes, request, request.readings_pC(sensor), known)
     # build all responses first, so that no build can fail after a search
     responses = {
-        name: load_or_build_response(scene, name, request.response)
+        name: load_or_build_response(
+            scene, name, request.response, with_sensitivities=request.include_calibration
+        )
         for name, scene in scenes.items()
     }
     request = _settle_unit(request, responses[file], known)
@@ -298,9 +304,7 @@ def _settle_unit(request: Request, response: ChargeFunction, known: Mapping[str,
         {name: np.array([value]) for name, value in request.readings.items()},
         request.unit,
         "readings",
-        sigma=request.sigma,
-        noise=request.noise,
-        reading=request.reading,
+        request=request,
         known=known_rows,
     )
     return replace(request, unit=unit)

@@ -50,6 +50,8 @@ class Request:
         Unknown quantities of a touch, such as ``x_mm``.
     touches : int
         Number of probes that touch at once.
+    include_calibration : bool
+        Whether standard deviations include the errors that the calibration has left.
     response : ResponseChoice
         Options that describe the response.
     errors : tuple of str
@@ -63,6 +65,7 @@ class Request:
     noise: float | None
     unknown: tuple[str, ...]
     touches: int
+    include_calibration: bool
     response: ResponseChoice
     errors: tuple[str, ...]
 
@@ -99,6 +102,7 @@ class Request:
             noise=noise,
             unknown=unknown,
             touches=options.touches,
+            include_calibration=not options.without_calibration,
             response=response,
             errors=tuple(errors),
         )

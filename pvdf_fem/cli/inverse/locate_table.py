@@ -26,7 +26,8 @@ from pvdf_fem.cli.inverse.reading_table import (
     to_plain,
 )
 from pvdf_fem.cli.inverse.recording_options import make_recording_options
-from pvdf_fem.cli.inverse.unit_option import choose_unit, require_valid_unit
+from pvdf_fem.cli.inverse.unit_choice import choose_unit
+from pvdf_fem.cli.inverse.unit_option import require_valid_unit
 from pvdf_fem.cli.output import find_output_errors
 from pvdf_fem.cli.program import ExitCode, InputError
 from pvdf_fem.cli.response_choice import load_or_build_response
@@ -166,7 +167,12 @@ class _RowLocator:
         any_charge_pC = np.pi  # only a placeholder, since each row is checked later
         readings_pC = dict.fromkeys(self.electrodes, any_charge_pC)
         require_locatable({options.scene: scene}, self.request, readings_pC, self.known)
-        self.response = load_or_build_response(scene, options.scene, request.response)
+        self.response = load_or_build_response(
+            scene,
+            options.scene,
+            request.response,
+            with_sensitivities=request.include_calibration,
+        )
         #: Lowest and highest readings at which channels have turned out to clip.
         self.limits: dict[str, tuple[float, float]] = {}
         self._is_unit_settled = False
@@ -191,14 +197,12 @@ class _RowLocator:
             {name: numbers[name] for name in self.electrodes},
             self.given_unit,
             self.numbers.table.name,
-            sigma=self.request.sigma,
-            noise=self.request.noise,
-            reading=self.request.reading,
+            request=self.request,
             known=self._collect_known(numbers),
         )
         self.request = replace(self.request, unit=self.unit)
 
-    def _collect_known(self, numbers: Mapping[str, Array]) -> dict[str, Array]:
+    def _collect_known(self, numbers: Mapping[str, Array]) -> dict[str, Any]:
         """Collect the known quantities of some rows, by the arguments of `locate_many`."""
         known = {}
         row_count = len(numbers[self.electrodes[0]])
@@ -260,6 +264,7 @@ class _RowLocator:
             reading=self.request.reading,
             unit=self.unit,
             limits=self.limits,
+            include_calibration=self.request.include_calibration,
             calibrated=not self.is_quick,
             **self._collect_known(numbers),
         )

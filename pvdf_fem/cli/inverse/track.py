@@ -14,6 +14,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pvdf_fem.cli.inverse.calibration_option import add_calibration_option
 from pvdf_fem.cli.inverse.locate_request import UNKNOWN_HELP, parse_unknowns
 from pvdf_fem.cli.inverse.reading_table import (
     MAX_MALFORMED,
@@ -114,6 +115,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument("signals", metavar="SIGNALS", help="readings, or - for standard input")
     add_unit_option(parser, is_tested=False)
     add_text_option(parser, "--unknown", "NAMES", about=UNKNOWN_HELP, default="x,y,force")
+    add_calibration_option(parser)
     add_recording_options(parser)
     add_response_options(parser)
 
@@ -158,9 +160,14 @@ def run(options: argparse.Namespace) -> int:
         errors = choice.find_errors(scene, options.scene)
         if errors:
             raise InputError(*errors)
-        response = load_or_build_response(scene, options.scene, choice)
+        includes_calibration = not options.without_calibration
+        response = load_or_build_response(
+            scene, options.scene, choice, with_sensitivities=includes_calibration
+        )
         with convert_value_errors():
-            tracker = Tracker(response, unknown=unknown, unit=unit)
+            tracker = Tracker(
+                response, unknown=unknown, unit=unit, include_calibration=includes_calibration
+            )
         numbers = NumberColumns(table, [times, *columns.values()])
         session = _Session(tracker, numbers, list(columns), options, stack, unit=unit)
         for batch in table.batches:

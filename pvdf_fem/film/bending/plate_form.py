@@ -198,13 +198,12 @@ class _ShapeValues:
         mapping = mesh.mapping()
         inverse = np.linalg.inv(mapping.DF(points).transpose(2, 3, 0, 1))
         gradient = np.matmul(evaluate_shape_gradients(space.basis.elem, points), inverse)
-        corners = mesh.doflocs[:, mesh.dofs.element_dofs]
-        mapping_hessian = np.einsum(
-            "ine,pnjk->epijk", corners, evaluate_shape_hessians(mesh.elem(), points)
-        )
-        second = evaluate_shape_hessians(space.basis.elem, points) - np.einsum(
-            "epfi,epijk->epfjk", gradient, mapping_hessian, optimize=True
-        )
+        # indices: element e, point p, function f, node n, global i, x, y, reference j, k
+        nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
+        node_hessians = evaluate_shape_hessians(mesh.elem(), points)
+        mapping_hessian = np.einsum("ine,pnjk->epijk", nodes, node_hessians)
+        by_mapping = np.einsum("epfi,epijk->epfjk", gradient, mapping_hessian, optimize=True)
+        second = evaluate_shape_hessians(space.basis.elem, points) - by_mapping
         hessian = np.einsum("epjx,epfjk,epky->epfxy", inverse, second, inverse, optimize=True)
         xx, yy, xy = hessian[..., 0, 0], hessian[..., 1, 1], hessian[..., 0, 1]
         return cls(

@@ -13,6 +13,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.calibration.diagnosis import CalibrationStatus
 from pvdf_fem.inverse.calibration.fit import CalibrationFit
+from pvdf_fem.inverse.calibration.parameters import find_scene_key
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.sensitivity.parameters import expand_pair_key
 from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
@@ -20,6 +21,7 @@ from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 #: Parameters that contribute less than this fraction of the largest component to an undetermined
 #: direction are not named.
 MIN_NAMED_FRACTION = 0.15
+CORRELATION_DIGITS = 6  #: Number of decimals of correlations in a scene.
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,7 +44,9 @@ class Calibration(Result):
     def scene(self) -> Scene:
         """Copy of the nominal scene with the calibrated parameters and the meaning of the readings.
 
-        Calibrated parameters that are in the scene's ``[uncertain]`` get their posterior standard
+        The covariance of the parameters is in its ``[calibration]``, from which it gets into the
+        deviations of located touches. Calibrated parameters that are in the scene's
+        ``[uncertain]`` get their posterior standard
         deviations there. A key that stands for two parameters, such as ``film.pretension_N_m``,
         gets the mean of their standard deviations.
 
@@ -64,7 +68,21 @@ class Calibration(Result):
             if names:
                 pair_deviations = [self.parameters[name]["deviation"] for name in names]
                 deviations[key] = float(np.mean(pair_deviations))
-        return scene.with_(uncertain=deviations) if deviations else scene
+        changes: dict[str, Any] = {"calibration": self._make_table()}
+        if deviations:
+            changes["uncertain"] = deviations
+        return scene.with_(**changes)
+
+    def _make_table(self) -> dict[str, Any]:
+        """Make the table ``[calibration]`` of the scene; numbers have six digits."""
+        names = self.fit.model.parameters.names
+        deviations = np.sqrt(np.diag(self.covariance))
+        correlations = self.covariance / np.outer(deviations, deviations)
+        return {
+            "keys": [find_scene_key(name) for name in names],
+            "deviations": [float(f"{deviation:.6g}") for deviation in deviations],
+            "correlations": np.round(correlations, CORRELATION_DIGITS).tolist(),
+        }
 
     @cached_property
     def parameters(self) -> dict[str, dict[str, float]]:

@@ -117,6 +117,14 @@ class CalibrationParameters:
         return self.scene.with_(**changes)
 
 
+def find_scene_key(name: str) -> str:
+    """Return the key of a parameter in the scene: ``readout.gain.A`` for ``gain.A``."""
+    section, dot, rest = name.partition(".")
+    if section in READOUT_KEYS:
+        return f"readout.{READOUT_KEYS[section]}{dot}{rest}"
+    return name
+
+
 def get_parameter(scene: Scene, key: str) -> float:
     """Return a parameter of a scene; without a stage or readout, its default value is returned."""
     section, _, name = key.partition(".")

@@ -54,6 +54,7 @@ def locate(
     reading: str | None = None,
     unit: str | None = None,
     touches: int = 1,
+    include_calibration: bool = True,
     options: LocateOptions = DEFAULT_OPTIONS,
     progress: Progress | bool | None = None,
 ) -> Location:
@@ -88,6 +89,10 @@ def locate(
         the channel's capacitance in pF.
     touches : int
         Number of probes that touch at once, 1 or 2; 2 requires a scene.
+    include_calibration : bool
+        Whether standard deviations include the errors that the calibration of the sensor has left,
+        of the scene's ``[calibration]``. They are the same for all touches, so that averaging does
+        not reduce them.
     options : LocateOptions
         Numbers and tolerances of the search.
     progress : callable or bool, optional
@@ -130,6 +135,7 @@ def locate(
         unit=unit,
         unknown=unknown,
         touches=touches,
+        include_calibration=coerce("include_calibration", include_calibration, bool),
         options=options,
     )
     if charge_function is not None:
@@ -150,6 +156,7 @@ class _Request:
     unit: str
     unknown: Sequence[str]
     touches: int
+    include_calibration: bool
     options: LocateOptions
 
     def find_errors(
@@ -175,6 +182,7 @@ class _Request:
             noise_pC=self.noise_pC,
             reading=self.reading,
             unit=self.unit,
+            include_calibration=self.include_calibration,
         )
 
     @property
@@ -241,7 +249,7 @@ def _locate_by_response(
     errors += find_quantity_errors(response.domain, request.unknown, known, default, centre_mm)
     if errors:
         raise ValueError("\n".join(errors))
-    fixed = _fix_coordinates({**default, **known}, request.unknown, centre_mm)
+    fixed = _compute_fixed_coordinates({**default, **known}, request.unknown, centre_mm)
     columns = [i for i, name in enumerate(TOUCH_QUANTITIES) if name in request.unknown]
     unknown_columns = np.array(columns)
     measurement = request.make_measurement(response)
@@ -260,7 +268,7 @@ def _locate_by_response(
     return replace(location, explanations=tuple(explanations))
 
 
-def _fix_coordinates(
+def _compute_fixed_coordinates(
     values: Mapping[str, float], unknown: Sequence[str], centre_mm: tuple[float, float]
 ) -> dict[int, float]:
     """Convert the values of the fixed quantities to coordinates, by column.

@@ -49,6 +49,7 @@ def locate_many(
     reading: str | None = None,
     unit: str | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
+    include_calibration: bool = True,
     calibrated: bool = False,
 ) -> Touches:
     """Find the most likely touch for each of many rows of readings.
@@ -72,6 +73,10 @@ def locate_many(
         Lowest and highest reading by electrode in `unit`, at which readings are clipped, besides
         the range of the readout. By default plateaus in `readings`, see
         `pvdf_fem.inverse.clipping.find_plateaus`.
+    include_calibration : bool
+        Whether standard deviations include the errors that the calibration of the sensor has left,
+        of the scene's ``[calibration]``. They are the same for all touches, so that averaging does
+        not reduce them.
     calibrated : bool
         Whether to find all likely touches of each row, and to compute `Touches.deviations` from the
         posterior distribution instead of the curvature of the likelihood, as `locate` does. This is
@@ -128,7 +133,13 @@ def locate_many(
     if errors:
         raise ValueError("\n".join(errors))
     measurement = Measurement.from_response(
-        response, columns.names, sigma=sigma, noise_pC=noise_pC, reading=reading, unit=unit
+        response,
+        columns.names,
+        sigma=sigma,
+        noise_pC=noise_pC,
+        reading=reading,
+        unit=unit,
+        include_calibration=coerce("include_calibration", include_calibration, bool),
     )
     units_pC = get_units_pC(response.scene, unit)
     electrode_units_pC = np.array([units_pC[name] for name in columns.names])
@@ -183,12 +194,12 @@ def _locate_rows(
         posterior distribution and the number of alternatives.
     """
     unknown = np.array([i for i in range(len(TOUCH_QUANTITIES)) if i not in known])
-    fixed = _fix_coordinates(known, rows)
+    fixed = _compute_fixed_coordinates(known, rows)
     problem = measurement.make_problem(readings_pC, unknown)
     ends = search_rows(problem, fixed, count=1)
     failed = np.flatnonzero(~mark_explained(problem, ends))
     if failed.size:
-        failed_fixed = _fix_coordinates(known, rows[failed])
+        failed_fixed = _compute_fixed_coordinates(known, rows[failed])
         failed_problem = problem.select_rows(failed)
         retried = search_rows(failed_problem, failed_fixed, DEFAULT_OPTIONS.retry_candidates)
         ends.replace_worse(failed, retried)
@@ -205,12 +216,12 @@ def _locate_rows(
     is_unexplained = ~touches.explained[rows]
     unexplained = rows[is_unexplained]
     unexplained_pC = readings_pC[is_unexplained]
-    unexplained_fixed = _fix_coordinates(known, unexplained)
+    unexplained_fixed = _compute_fixed_coordinates(known, unexplained)
     for found in find_explanations(measurement, unexplained_pC, unknown, unexplained_fixed):
         touches.explanations[unexplained[found.rows]] += f"; explained if {found.text}"
 
 
-def _fix_coordinates(known: Mapping[int, Array], rows: Indices) -> dict[int, Array]:
+def _compute_fixed_coordinates(known: Mapping[int, Array], rows: Indices) -> dict[int, Array]:
     """Compute the coordinates of the known quantities of some rows, by column.
 
     Parameters

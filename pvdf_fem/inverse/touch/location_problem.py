@@ -16,10 +16,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.inverse.calibration_errors import CalibrationErrors, whiten
 from pvdf_fem.inverse.coordinates import compute_longest_steps, slice_quantity
 from pvdf_fem.inverse.normal_equations import apply_one_sided_likelihood
 from pvdf_fem.scene.outlines.outline import rotate
@@ -65,15 +67,34 @@ def evaluate_on_stage(
     """
     if not film_rotation_deg:
         return response.evaluate(touches)
-    to_film = np.eye(touches.shape[1])
+    charges, derivatives = response.evaluate(_rotate_to_film(response, touches, film_rotation_deg))
+    return charges, derivatives @ _make_film_rotation(response, film_rotation_deg)
+
+
+def _rotate_to_film(response: ChargeFunction, touches: Array, film_rotation_deg: float) -> Array:
+    """Convert touches from the axes of the stage to those of the film; shape (n, k) each."""
+    on_film = np.asarray(touches @ _make_film_rotation(response, film_rotation_deg).T)
+    on_film[:, slice_quantity(response, TouchColumn.ROTATION)] -= film_rotation_deg
+    return on_film
+
+
+def _make_film_rotation(response: ChargeFunction, film_rotation_deg: float) -> Array:
+    """Make the matrix that rotates the positions of a touch to the film's axes; shape (k, k)."""
+    to_film = np.eye(len(response.quantity_names))
     rotation = rotate(np.eye(2), film_rotation_deg)
     width = len(TOUCH_QUANTITIES)
     for first in range(0, width * count_probes(response), width):
         to_film[first : first + 2, first : first + 2] = rotation
-    on_film = touches @ to_film.T
-    on_film[:, slice_quantity(response, TouchColumn.ROTATION)] -= film_rotation_deg
-    charges, derivatives = response.evaluate(on_film)
-    return charges, derivatives @ to_film
+    return to_film
+
+
+class ChargeResiduals(NamedTuple):
+    """Differences of charges from the measured ones."""
+
+    system: Array  #: Augmented matrices [r J] in pC; shape (n, electrodes, 1 + k).
+    #: Derivatives of the residuals with respect to uncertain parameters of the film, see
+    #: `CalibrationErrors.evaluate_film`.
+    film_effects: Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +119,8 @@ class LocationProblem:
     #: (rows, electrodes). None if all charges are values. A missing charge is known to be above
     #: minus infinity.
     limit_sides: Indices | None = None
+    #: Errors of the charges that the calibration has left; None for none.
+    calibration: CalibrationErrors | None = None
 
     @property
     def centre_mm(self) -> tuple[float, float]:
@@ -111,6 +134,7 @@ class LocationProblem:
             charges_pC=self.charges_pC[rows],
             deviations_pC=self.deviations_pC[rows],
             limit_sides=None if self.limit_sides is None else self.limit_sides[rows],
+            calibration=None if self.calibration is None else self.calibration.select_rows(rows),
         )
 
     # ---- coordinates and touches
@@ -212,6 +236,33 @@ class LocationProblem:
         ndarray, shape (n, electrodes, 1 + k)
             Augmented matrices [r J]; in J only the `free_columns` can be nonzero.
         """
+        measured = slice(1) if rows is None else rows
+        residuals = self.compute_residuals(coordinates, measured)
+        system = residuals.system
+        if self.calibration is None:
+            # 1/deviation, and zero in columns that are not free
+            system *= self._weights[measured]
+        else:
+            effects = self.calibration.compute_effects(
+                coordinates, system[:, :, 1:], residuals.film_effects, measured
+            )
+            deviations = self.deviations_pC[measured]
+            system = whiten(system, deviations, effects, self.is_limit[measured])
+            system[:, :, 1:] *= self._free_mask
+        if self.limit_sides is not None:
+            apply_one_sided_likelihood(system, self.limit_sides[measured])
+        return system
+
+    def compute_residuals(self, coordinates: Array, measured: Indices | slice) -> ChargeResiduals:
+        """Compute the differences of charges from the measured ones, which are not whitened.
+
+        Parameters
+        ----------
+        coordinates : ndarray, shape (n, k)
+            Coordinates of touches.
+        measured : ndarray of int, shape (n,), or slice
+            Rows of the measured charges.
+        """
         inside = self.project_onto_domain(coordinates)
         columns = self.force_columns
         forces = np.exp(inside[:, columns])
@@ -219,7 +270,11 @@ class LocationProblem:
         touches[:, columns] = forces
         rotation_deg = self.stage.rotation_deg
         charges, derivatives = evaluate_on_stage(self.response, touches, rotation_deg)
-        measured = slice(1) if rows is None else rows
+        film_effects = None
+        if self.calibration is not None:
+            on_film = _rotate_to_film(self.response, touches, rotation_deg)
+            slopes = derivatives @ _make_film_rotation(self.response, rotation_deg).T
+            film_effects = self.calibration.evaluate_film(on_film, charges, slopes)
         system = np.empty((len(coordinates), len(self.electrodes), 1 + coordinates.shape[1]))
         residuals = system[:, :, 0]
         residuals[:] = charges.take(self.electrodes, axis=1) - self.charges_pC[measured]
@@ -229,10 +284,7 @@ class LocationProblem:
         if inside is not coordinates:  # some coordinates are outside: extrapolate linearly
             beyond = coordinates - inside
             residuals += np.matmul(jacobian, beyond[:, :, None])[:, :, 0]
-        system *= self._weights[measured]  # 1/deviation, and zero in columns that are not free
-        if self.limit_sides is not None:
-            apply_one_sided_likelihood(system, self.limit_sides[measured])
-        return system
+        return ChargeResiduals(system, film_effects)
 
     @cached_property
     def _weights(self) -> Array:

@@ -19,6 +19,7 @@ import numpy as np
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.electrodes.channel import READINGS, Channel, list_units_pC, make_channels
 from pvdf_fem.electrodes.misreadings import list_misreadings
+from pvdf_fem.inverse.calibration_errors import CalibrationErrors
 from pvdf_fem.inverse.clipping import ReadingLimits, compute_range_limits
 from pvdf_fem.inverse.touch.location_problem import LocationProblem
 from pvdf_fem.scene.scene import Scene
@@ -49,6 +50,8 @@ class Measurement:
     sigma: Array  #: Standard deviation of a signal as a fraction of the signal.
     noise_pC: Array  #: Further standard deviation of a reading in nominal pC.
     limits_pC: ReadingLimits  #: Readings in nominal pC at which the channels clip.
+    #: Errors that the calibration has left, or None without any.
+    calibration: CalibrationErrors | None = None
 
     @classmethod
     def from_response(
@@ -59,6 +62,7 @@ class Measurement:
         noise_pC: Deviations | None,
         reading: str | None,
         unit: str = "pC",
+        include_calibration: bool = False,
     ) -> Measurement:
         """Make the measurement of some electrodes from arguments and the scene's readout.
 
@@ -76,6 +80,8 @@ class Measurement:
             Meaning of the readings, a key of `READINGS`; None for that of the readout.
         unit : str
             Unit in which the user gave the readings. Only `list_alternatives` needs it.
+        include_calibration : bool
+            Whether errors that the calibration of the response's scene has left are included.
 
         Raises
         ------
@@ -100,6 +106,9 @@ class Measurement:
         every_channel = make_channels(response.scene)
         channels = tuple(every_channel[index] for index in electrodes)
         unloaded, unloaded_errors = compute_unloaded_charges(response, reading)
+        calibration = None
+        if include_calibration:
+            calibration = CalibrationErrors.from_response(response, electrodes.tolist(), reading)
         return cls(
             response=response,
             electrodes=electrodes,
@@ -113,6 +122,7 @@ class Measurement:
             sigma=relative,
             noise_pC=noise,
             limits_pC=compute_range_limits(channels, "pC"),
+            calibration=calibration,
         )
 
     @property
@@ -209,6 +219,7 @@ class Measurement:
             stage=self.response.scene.stage or Stage(),
             reading=self.reading,
             limit_sides=limit_sides if limit_sides.any() else None,
+            calibration=self.calibration and self.calibration.with_signals(charges - self.zero_pC),
         )
 
     def list_alternatives(self) -> Iterator[AlternativeReading]:

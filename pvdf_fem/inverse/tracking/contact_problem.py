@@ -9,8 +9,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.inverse.calibration_errors import CalibrationErrors
 from pvdf_fem.inverse.touch.location import MIN_ALTERNATIVE_WEIGHT
-from pvdf_fem.inverse.touch.location_problem import SEARCH_MARGIN, LocationProblem
+from pvdf_fem.inverse.touch.location_problem import (
+    SEARCH_MARGIN,
+    ChargeResiduals,
+    LocationProblem,
+)
 from pvdf_fem.inverse.touch.measurement import compute_unloaded_charges
 from pvdf_fem.inverse.touch.search import DEFAULT_OPTIONS, make_location, search_everywhere
 from pvdf_fem.inverse.touch.touch import Touch
@@ -68,7 +73,11 @@ class ContactProblem(LocationProblem):
 
     @classmethod
     def from_response(
-        cls, response: ChargeFunction, fixed: Mapping[int, float], options: TrackOptions
+        cls,
+        response: ChargeFunction,
+        fixed: Mapping[int, float],
+        options: TrackOptions,
+        include_calibration: bool = True,
     ) -> ContactProblem:
         """Make the template from which `with_sample` makes the problem of each sample.
 
@@ -82,9 +91,17 @@ class ContactProblem(LocationProblem):
             Values of the coordinates that are not searched for, by their index.
         options : TrackOptions
             How far the force is extrapolated, and the skew of the sampling error.
+        include_calibration : bool
+            Whether errors that the calibration of the response's scene has left are included.
         """
         unloaded_pC = compute_unloaded_charges(response, "change")[0]
         free = [i for i in range(len(TOUCH_QUANTITIES)) if i not in fixed]
+        calibration = None
+        if include_calibration:
+            # The baseline contains the offsets, so that their errors have no effect.
+            calibration = CalibrationErrors.from_response(
+                response, range(len(unloaded_pC)), "change", has_offsets=False
+            )
         return cls(
             response,
             electrodes=np.arange(len(unloaded_pC)),
@@ -92,6 +109,7 @@ class ContactProblem(LocationProblem):
             deviations_pC=np.ones((1, len(unloaded_pC))),
             unknown=np.array(free),
             stage=response.scene.stage or Stage(),
+            calibration=calibration,
             unloaded_pC=unloaded_pC,
             fixed=fixed,
             options=options,
@@ -120,7 +138,17 @@ class ContactProblem(LocationProblem):
             charges_pC=(self.unloaded_pC + sample.charges_pC)[None, measured],
             deviations_pC=np.sqrt(self.compute_variance(sample))[None, measured],
             unknown=unknown,
+            calibration=self._select_calibration(sample, measured),
         )
+
+    def _select_calibration(
+        self, sample: ChargeSample, measured: Indices
+    ) -> CalibrationErrors | None:
+        """Return the errors of the calibration for the measured channels of a sample."""
+        if self.calibration is None:
+            return None
+        signals_pC = sample.charges_pC[None, measured]
+        return self.calibration.select_electrodes(measured).with_signals(signals_pC)
 
     def compute_variance(self, sample: ChargeSample) -> Array:
         """Compute the variances of the charges of a sample in pC², shape (electrodes,).
@@ -151,10 +179,10 @@ class ContactProblem(LocationProblem):
         reach_mm = SEARCH_MARGIN * self.response.domain.reach_mm
         return self.project_within(at, reach_mm, *self.log_force_range)
 
-    def linearise(self, at: Array, rows: Indices | None = None) -> Array:
-        """Compute whitened residuals and their derivatives, also outside the response's forces.
+    def compute_residuals(self, coordinates: Array, measured: Indices | slice) -> ChargeResiduals:
+        """Compute residuals and their derivatives, also outside the response's forces.
 
-        See `LocationProblem.linearise` for parameters and returns.
+        See `LocationProblem.compute_residuals` for parameters and returns.
 
         Notes
         -----
@@ -162,26 +190,29 @@ class ContactProblem(LocationProblem):
         and d = log F - log F₀ the distance beyond it. The changes at F are c (F/F₀)^p = c exp(p d),
         with the exponent p = c · (dc/dlog F)/|c|², in whitened units.
         """
-        edge = at.copy()
+        edge = coordinates.copy()
         edge[:, TouchColumn.FORCE] = np.clip(
-            at[:, TouchColumn.FORCE], *self.response.domain.log_force
+            coordinates[:, TouchColumn.FORCE], *self.response.domain.log_force
         )
-        system = super().linearise(edge, rows)
-        beyond = (at - edge)[:, TouchColumn.FORCE]
+        residuals = super().compute_residuals(edge, measured)
+        beyond = (coordinates - edge)[:, TouchColumn.FORCE]
         if not beyond.any():
-            return system
-        selected = slice(1) if rows is None else rows
-        measured = self.charges_pC[selected] - self.unloaded_pC[self.electrodes]
-        measured = measured / self.deviations_pC[selected]
-        change = system[:, :, 0] + measured
+            return residuals
+        system = residuals.system
+        change_pC = self.charges_pC[measured] - self.unloaded_pC[self.electrodes]
+        change = system[:, :, 0] + change_pC
         slope = system[:, :, 1 + TouchColumn.FORCE]
-        power = (slope * change).sum(axis=1) / np.square(change).sum(axis=1)
+        weights = 1.0 / np.square(self.deviations_pC[measured])
+        power = (weights * slope * change).sum(axis=1) / (weights * change**2).sum(axis=1)
         growth = np.exp(power * beyond)[:, None]
-        system[:, :, 0] = growth * change - measured
+        system[:, :, 0] = growth * change - change_pC
         system[..., 1:] *= growth[..., None]
         is_beyond = beyond != 0.0
         system[is_beyond, :, 1 + TouchColumn.FORCE] = (power[:, None] * growth * change)[is_beyond]
-        return system
+        film_effects = residuals.film_effects
+        if film_effects is not None:
+            film_effects = growth[:, :, None] * film_effects
+        return ChargeResiduals(system, film_effects)
 
     def is_determined_by(self, sample: ChargeSample) -> bool:
         """Return whether a sample has enough measured channels for the unknown coordinates."""
@@ -245,9 +276,11 @@ class ContactProblem(LocationProblem):
         causes.
         """
         sampling_pC = math.sqrt(sample.sampling_variance) * sample.direction[self.electrodes]
-        whitened = (sampling_pC / self.deviations_pC[0])[:, None]
-        slopes = self.linearise(coordinates)[:, :, 1:]
-        shifts = (np.linalg.pinv(slopes) @ whitened)[..., 0]
+        system = self.linearise(coordinates)
+        # The residuals of shifted charges differ by the whitened shift.
+        shifted = replace(self, charges_pC=self.charges_pC - sampling_pC)
+        whitened = shifted.linearise(coordinates)[:, :, :1] - system[:, :, :1]
+        shifts = (np.linalg.pinv(system[:, :, 1:]) @ whitened)[..., 0]
         distances = self.compute_differences(coordinates, coordinates[0])
         second_moment = np.square(distances) + np.square(shifts)
         values = np.array([touch.values for touch in touches])

@@ -55,6 +55,9 @@ class Tracker:
     unit : str, optional
         Unit of the readings, of `READING_UNITS`. Default: ``readout.unit``, which is V unless the
         scene says otherwise, or pC without a readout.
+    include_calibration : bool
+        Whether standard deviations include the errors that the calibration of the sensor has left,
+        of the scene's ``[calibration]``.
     options : TrackOptions
         Thresholds to detect, locate and end contacts.
 
@@ -83,6 +86,7 @@ class Tracker:
         *,
         unknown: Sequence[str] = POSITION_AND_FORCE,
         unit: str | None = None,
+        include_calibration: bool = True,
         options: TrackOptions = DEFAULTS,
     ) -> None:
         self.response = as_response(response)
@@ -117,7 +121,9 @@ class Tracker:
         self._unit = unit or get_reading_unit(scene)
         self._circuit = ReadoutCircuit.from_channels(self._channels)
         self._input = ReadingInput(self._names, self._circuit, self._unit)
-        self._problem = ContactProblem.from_response(self.response, fixed, options)
+        self._problem = ContactProblem.from_response(
+            self.response, fixed, options, include_calibration
+        )
         self._results = ResultBuilder(self._problem, self._names)
         readout = scene.readout or Readout()
         self._settling_s = readout.settling_s

@@ -33,7 +33,7 @@ class WavReader(LoggerReader):
 
     Samples are fractions of the full scale. Integers of all widths are divided by 2 to the power
     of their bits less one; numbers of floating-point files are returned as they are, also above 1.
-    The largest and the smallest integer are readings beyond the range: ∞ and -∞.
+    The largest and the smallest integer are 1 and -1, where the converter clips.
     """
 
     title = "WAV"
@@ -68,11 +68,15 @@ class WavReader(LoggerReader):
     def read_columns(self, addresses: Sequence[str]) -> Iterator[list[Array]]:
         """Yield blocks of samples of several channels, see `LoggerReader.read_columns`."""
         indices = [int(address) - 1 for address in addresses]
-        largest = LARGEST_SAMPLES.get(self.file.subtype, np.inf)
+        largest = LARGEST_SAMPLES.get(self.file.subtype)
         self.file.seek(0)
         for block in self.file.blocks(BLOCK_SAMPLES, dtype="float64", always_2d=True):
             samples = block[:, indices]
-            # Converters that are symmetric never give the smallest integer.
-            samples = np.where(samples >= largest, np.inf, samples)
-            samples = np.where(samples <= -largest, -np.inf, samples)
+            if largest is None:
+                yield list(samples.T)
+                continue
+            # A converter that is full gives the largest integer, and the smallest one or that above.
+            # It is at the end of a range_V that equals the full scale.
+            samples = np.where(samples >= largest, 1.0, samples)
+            samples = np.where(samples <= -largest, -1.0, samples)
             yield list(samples.T)

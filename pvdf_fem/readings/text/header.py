@@ -300,7 +300,8 @@ def _is_number_or_time(cell: str) -> bool:
 def _parse_columns(cells: list[str]) -> tuple[Column, ...]:
     """Return the columns of a header.
 
-    Empty headings at its end are left out. Units between blanks belong to the heading before them.
+    Empty headings at its end are left out. If the separator is a blank, a unit that follows a name
+    is a cell of its own; it is joined to the heading before it.
     """
     headings: list[str] = []
     for cell in drop_empty_end(cells):

@@ -14,7 +14,7 @@ from pvdf_fem.solver.nonlinear.factors import factorise
 
 
 def compute_initial_guess(equilibrium: Equilibrium) -> Array:
-    """Compute the deflection of a linear membrane under the loads, scaled to lower the energy most.
+    """Compute the deflection of a linear membrane under the loads, scaled to minimise the energy.
 
     Parameters
     ----------

@@ -235,9 +235,9 @@ def _compute_charge_gradients(solution: Solution, requested: Sequence[str]) -> G
     scales = np.array([[_find_parameter_scale(scene, key)] for key in keys])
     units = magnitudes / scales
     changes = np.abs(better_rates - rates)
-    errors = problem.film.mesh_policy.saturation * _estimate_errors(
-        changes, units, magnitudes=magnitudes
-    )
+    # the next order has errors as well, so that an error may exceed the change
+    saturation = problem.film.mesh_policy.saturation
+    errors = saturation * _estimate_errors(changes, units, magnitudes=magnitudes)
     largest = np.maximum(np.abs(rates), NEGLIGIBLE_FRACTION * units).max(axis=1, initial=TINY)
 
     names = [electrode.name for electrode in scene.electrode_list]

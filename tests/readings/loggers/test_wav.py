@@ -32,11 +32,11 @@ def test_integers_of_scipy_have_the_same_scale(tmp_path):
     assert read.values == pytest.approx(2.5 * np.array([[0.5, -0.5, 0.0, 2.0**-11]]))
 
 
-def test_integers_at_the_ends_are_beyond_the_range(tmp_path):
+def test_integers_at_the_ends_are_full_scale(tmp_path):
     raw = np.array([[32767, 32766, -32768, -32767]], dtype=np.int16)
     wavfile.write(tmp_path / "r.wav", 1000, raw)
     read = read_recording(tmp_path / "r.wav", full_scale_V=FULL_SCALE_V)
-    assert read.values[0, [0, 2, 3]].tolist() == [np.inf, -np.inf, -np.inf]
+    assert read.values[0, [0, 2, 3]].tolist() == [2.5, -2.5, -2.5]
     assert read.values[0, 1] == pytest.approx(2.5 * 32766 / 32768)
 
 

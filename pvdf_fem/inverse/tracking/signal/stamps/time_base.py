@@ -46,8 +46,8 @@ MAX_SLEW = 0.04
 #: Larger differences are corrected in about this number of rows, but by no more than this fraction.
 SLEW_ROWS = 50.0
 MAX_CATCH_UP = 0.9
-#: Number of stamps that the filter keeps in mind when the band of jitter widens.
-WIDENED_MEMORY = 16
+#: Number of stamps that the filter keeps in mind after a jump.
+FEW_STAMPS = 16
 
 
 class TimeBase(ABC):
@@ -321,7 +321,7 @@ class JitteredTimeBase(TimeBase):
         self.filter.forget(self.filter.memory)
 
     def widen_band(self, offset_s: float) -> None:
-        """Widen the band of jitter to a deviation, and let the next stamps count more.
+        """Widen the band of jitter to a deviation.
 
         Parameters
         ----------
@@ -329,8 +329,11 @@ class JitteredTimeBase(TimeBase):
             Deviation of a stamp in s.
         """
         self.band_s = max(self.band_s, BAND_SURPLUS * abs(offset_s))
-        self.filter.forget(round(WIDENED_MEMORY * self._memory_factor))
         self.update_tolerance()
+
+    def forget_most(self) -> None:
+        """Let the next stamps count more, as after a jump."""
+        self.filter.forget(round(FEW_STAMPS * self._memory_factor))
 
     def _advance(self, step_s: float) -> float:
         """Return the time of the next row, whose interval differs but little from the nominal one.

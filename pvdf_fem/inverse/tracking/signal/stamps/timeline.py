@@ -165,7 +165,8 @@ class Timeline:
             is_within_chunk = base.band_s > MAX_BAND * base.interval_s
             if fit and fit.kind is StampKind.REGULAR and fit.gap_count < MIN_GAPS:
                 fit = None if is_within_chunk else fit
-        if fit is None and base.lag_count == base.max_lag_count:
+        is_lagging = base.lag_count > 0 and base.lag_count % base.max_lag_count == 0
+        if fit is None and is_lagging:
             fit = self._history.find_lag(base.lag_count, base.interval_s)
         if fit:
             self._change_base(fit, row)
@@ -419,6 +420,7 @@ class Timeline:
         base = self._base
         if isinstance(base, JitteredTimeBase):
             base.widen_band(offset_s)
+            base.forget_most()
             return
         # A restart before is undone; a gap before cannot be.
         if self._jump_s < 0.0:
