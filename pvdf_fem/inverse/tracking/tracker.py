@@ -15,15 +15,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from pvdf_fem.electrodes.channel import find_unit_errors, get_reading_unit, make_channels
-from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE, get_scene_quantities
-from pvdf_fem.inverse.touch.measurement import get_centre_mm
-from pvdf_fem.inverse.touch.validation import find_quantity_errors
+from pvdf_fem.electrodes.channel import get_reading_unit, make_channels
+from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.contact_detector import VoltageSample
 from pvdf_fem.inverse.tracking.contact_problem import ContactProblem
 from pvdf_fem.inverse.tracking.contact_watch import ContactWatch
+from pvdf_fem.inverse.tracking.fixed_quantities import resolve_fixed_quantities
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
 from pvdf_fem.inverse.tracking.reading_input import ReadingInput
 from pvdf_fem.inverse.tracking.result_builder import ResultBuilder
@@ -39,7 +38,6 @@ from pvdf_fem.inverse.tracking.stream_notes import StreamNotes
 from pvdf_fem.scene.arguments import Names, as_response, coerce
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.surrogate.charge_function import ChargeFunction
-from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
 
 class Tracker:
@@ -92,27 +90,7 @@ class Tracker:
         self.response = as_response(response)
         scene = self.response.scene
         unknown = coerce("unknown", unknown, Names)
-        scene_values = get_scene_quantities(scene)
-        origin = (*get_centre_mm(scene), 0.0, 0.0)
-        errors = list(
-            find_quantity_errors(
-                response.domain,
-                unknown,
-                known={},
-                default=scene_values,
-                centre_mm=origin[: TouchColumn.ROTATION],
-            )
-        )
-        if "force_N" not in unknown:
-            errors.append("unknown: force_N is missing; add it, it is always unknown")
-        errors += find_unit_errors(scene, unit)
-        if errors:
-            raise ValueError("\n".join(errors))
-        # Coordinates of the contact problem are relative to the film's centre.
-        fixed = {}
-        for index, name in enumerate(TOUCH_QUANTITIES):
-            if name not in unknown:
-                fixed[index] = scene_values[name] - origin[index]
+        fixed = resolve_fixed_quantities(self.response, unknown, unit)
 
         self.touches: list[TouchSummary] = []
         self._options = options
