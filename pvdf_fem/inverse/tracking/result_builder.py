@@ -9,7 +9,7 @@ from dataclasses import fields
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.contact_detector import VoltageSample
-from pvdf_fem.inverse.tracking.contact_problem import CandidateTouches, ContactProblem
+from pvdf_fem.inverse.tracking.problem.contact_problem import CandidateTouches, ContactProblem
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
 from pvdf_fem.inverse.tracking.signal.reading_filter import FilteredSample
 from pvdf_fem.surrogate.charge_function import find_rotation_period_deg

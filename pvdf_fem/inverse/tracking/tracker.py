@@ -20,10 +20,10 @@ from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.contact_detector import VoltageSample
-from pvdf_fem.inverse.tracking.contact_problem import ContactProblem
 from pvdf_fem.inverse.tracking.contact_watch import ContactWatch
-from pvdf_fem.inverse.tracking.fixed_quantities import resolve_fixed_quantities
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
+from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
+from pvdf_fem.inverse.tracking.problem.fixed_quantities import resolve_fixed_quantities
 from pvdf_fem.inverse.tracking.reading_input import ReadingInput
 from pvdf_fem.inverse.tracking.result_builder import ResultBuilder
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus

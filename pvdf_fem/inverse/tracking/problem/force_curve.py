@@ -9,7 +9,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
-from pvdf_fem.inverse.tracking.contact_problem import ContactProblem
+from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
 from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 #: Number of tabulated forces; cubic interpolation between them is right to 1e-6 of a charge.
