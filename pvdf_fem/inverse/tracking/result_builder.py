@@ -11,7 +11,7 @@ from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.contact_detector import VoltageSample
 from pvdf_fem.inverse.tracking.problem.contact_problem import CandidateTouches, ContactProblem
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
-from pvdf_fem.inverse.tracking.signal.reading_filter import FilteredSample
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 from pvdf_fem.surrogate.charge_function import find_rotation_period_deg
 from pvdf_fem.surrogate.touch_domain import TouchColumn
 

@@ -29,8 +29,9 @@ from pvdf_fem.inverse.tracking.result_builder import ResultBuilder
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
-from pvdf_fem.inverse.tracking.signal.reading_filter import FilteredSample, Validity
+from pvdf_fem.inverse.tracking.signal.reading_filter import Validity
 from pvdf_fem.inverse.tracking.signal.settling import SettledSamples, Settling
 from pvdf_fem.inverse.tracking.signal.signal_chain import MIN_PAUSE_INTERVALS, SignalChain
 from pvdf_fem.inverse.tracking.stream_diagnosis import MAX_TESTED, find_misreading
@@ -113,7 +114,7 @@ class Tracker:
         self._settling: Settling | None = self._make_settling()
         self._watch: ContactWatch | None = None
         self._contact: Contact | None = None
-        self._relearning: Settling | None = None  # During a contact that no touch explains.
+        self._relearning: Settling | None = None  # During a contact that may be over.
         self._settled_at_s = math.nan
         self._row = TrackRow(math.nan, TrackStatus.SETTLING)
         self._notes = StreamNotes()
@@ -347,7 +348,10 @@ class Tracker:
         self._exclude_channels_without_signal(contact)
         self._add_to_contact(sample, contact)
         self._exclude_stepped_channel(contact)
-        if contact.record.detect_end():
+        if contact.was_only_a_step:
+            self._finish_contact(contact)
+            self._row = TrackRow(sample.time_s, TrackStatus.QUIET)
+        elif contact.record.detect_end():
             contact.close()
             self._finish_contact(contact)
             self._row = TrackRow(sample.time_s, TrackStatus.QUIET)
@@ -356,13 +360,13 @@ class Tracker:
             self._row = TrackRow(sample.time_s, TrackStatus.LOST)
         else:
             self._update_contact_row(sample, contact)
-            self._learn_in_unexplained_contact(sample, contact)
+            self._relearn_baseline(sample, contact)
 
-    def _learn_in_unexplained_contact(self, sample: FilteredSample, contact: Contact) -> None:
-        """Learn the baseline again while no touch explains a contact, and give it up when it can be.
+    def _relearn_baseline(self, sample: FilteredSample, contact: Contact) -> None:
+        """Learn the baseline during a contact that may be over, and finish it when it is learned.
 
-        The readings of the unloaded film may have changed. A touch that is held unexplained becomes
-        the baseline, too.
+        Charges may be left because resistances and offsets are not those of the scene. A touch that
+        no touch of the response explains and that is held becomes the baseline, too.
 
         Parameters
         ----------
@@ -371,15 +375,17 @@ class Tracker:
         contact : Contact
             Contact in progress.
         """
-        if contact.is_explained or contact.duration_s < self._settling_s:
+        if not contact.may_be_over or contact.duration_s < self._settling_s:
             self._relearning = None
             return
         if self._relearning is None:
             self._relearning = self._make_settling(expects_residual=True)
         settled = self._relearning.add(sample)
         if settled:
+            if contact.is_explained:
+                contact.close()
             self._finish_contact(contact)
-            self._row = TrackRow(sample.time_s, TrackStatus.LOST)
+            self._row = TrackRow(sample.time_s, TrackStatus.QUIET)
             self._begin_to_watch(settled)
 
     def _exclude_stepped_channel(self, contact: Contact) -> None:
@@ -387,14 +393,15 @@ class Tracker:
         number = contact.find_stepped_channel()
         if number is None:
             return
-        contact.exclude_channel(number)
+        contact.exclude_stepped_channel(number)
         self._baseline.channels[number].forget_line()
         self._notes.step_counts[self._names[number]] += 1
 
     def _exclude_channels_without_signal(self, contact: Contact) -> None:
         """Exclude channels from a contact that froze in it, or have returned with another offset.
 
-        A channel that is found to be frozen has told wrong voltages for some samples already.
+        A channel that is found to be frozen or clipped has told wrong voltages for some samples
+        already.
 
         Parameters
         ----------
@@ -402,7 +409,11 @@ class Tracker:
             Contact in progress.
         """
         for number, channel in enumerate(self._baseline.channels):
-            is_frozen = self._signal.filter.channels[number].validity is Validity.FROZEN
+            channel_filter = self._signal.filter.channels[number]
+            unmarked_count = channel_filter.take_unmarked_count()
+            if unmarked_count:
+                contact.mark_clipped(number, unmarked_count)
+            is_frozen = channel_filter.validity is Validity.FROZEN
             if contact.is_settled[number] and (is_frozen or not channel.is_settled):
                 contact.exclude_channel(number)
 

@@ -135,6 +135,13 @@ class ChargeRecord:
         return sample
 
     @property
+    def remaining_fraction(self) -> float:
+        """Size of the last charges as a fraction of the largest size."""
+        last = self._require(self.last)
+        size = float(np.linalg.norm(last.charges_pC))
+        return size / max(self._largest_size, math.ulp(0.0))
+
+    @property
     def is_peak_hidden(self) -> bool:
         """Whether the charges may have been largest during a pause of the readings."""
         return self._hidden_size > HIDDEN_PEAK_FACTOR * self._largest_size
@@ -170,17 +177,13 @@ class ChargeRecord:
         variance = noise_variance + last.walk_variance + np.square(last.drift_pC)
         return find_only_charge(charges_pC, variance, self._largest_size, options)
 
-    def exclude_channel(self, number: int) -> None:
-        """Count the charges of a channel as missing in all samples so far.
+    def mark_clipped(self, number: int, count: int) -> None:
+        """Let the charges of an electrode in the last `count` samples be limits."""
+        self._buffer.mark_clipped(number, count)
 
-        Parameters
-        ----------
-        number : int
-            Number of the electrode.
-        """
-        rows = self._buffer.all_rows
-        rows.charges_pC[:, number] = 0.0
-        rows.noise_variance[:, number] = ChargeSample.MISSING
+    def exclude_channel(self, number: int) -> None:
+        """Count the charges of an electrode as missing in all samples so far."""
+        self._buffer.exclude_channel(number)
         self._kept_peak = self._kept_peak and self._kept_peak.without_channel(number)
         self.largest = self.largest and self.largest.without_channel(number)
         if self.largest:
@@ -376,7 +379,7 @@ class ChargeRecord:
         return rows.time_s, rows.voltages
 
     def subtract_drift(self) -> None:
-        """Subtract the drift from the charges of a contact that has ended, see `detect_end`.
+        """Subtract the drift from the charges of a contact that has ended.
 
         After the contact the charge must be zero, so that the measured residual is a drift. The
         errors of all samples are conditioned on this residual (Brownian bridge), and their
@@ -384,6 +387,8 @@ class ChargeRecord:
         becomes the last time at which the charges differed significantly from the residual, or the
         time of the first sample if they never did.
         """
+        # The baseline may have been learned again before the end was detected.
+        self.still_count = max(self.still_count, self.options.min_still_samples)
         residual, noise_variance = self._average_charges(-self.still_count, self.still_count)
         total = self.accumulated_variance + noise_variance
         self.end_s = self._find_end(residual, noise_variance)

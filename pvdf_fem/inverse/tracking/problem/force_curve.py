@@ -28,6 +28,7 @@ class FittedForce(NamedTuple):
 
     log_force: float  #: Logarithm of the force in N.
     chi_square: float  #: Sum of the squared residuals, each divided by its variance.
+    degrees_of_freedom: int  #: Number of measured channels less one.
 
 
 class ForceCurve:
@@ -74,7 +75,7 @@ class ForceCurve:
         """
         measured = np.flatnonzero(sample.is_measured)
         if not len(measured):
-            return FittedForce(math.nan, math.nan)
+            return FittedForce(math.nan, math.nan, 0)
         weights = (1.0 / self._problem.compute_variance(sample)[measured]).tolist()
         charges_pC = sample.charges_pC[measured].tolist()
         channels = measured.tolist()
@@ -100,7 +101,7 @@ class ForceCurve:
                 # The chi-square falls by the product of gradient and step to first order.
                 chi_square = max(chi_square - gradient * step, 0.0)
                 break
-        return FittedForce(log_force, chi_square)
+        return FittedForce(log_force, chi_square, len(channels) - 1)
 
     def _interpolate(self, log_force: float) -> tuple[list[float], list[float]]:
         """Interpolate the changes of the charges in pC, and their derivatives.

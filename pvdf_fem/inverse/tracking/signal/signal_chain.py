@@ -10,8 +10,9 @@ import numpy as np
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.signal.clock import ClockEvent, SampleClock, StampedSample
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
-from pvdf_fem.inverse.tracking.signal.reading_filter import FilteredSample, ReadingFilter
+from pvdf_fem.inverse.tracking.signal.reading_filter import ReadingFilter
 
 #: Pause in sampling intervals from which readings may have been missed.
 MIN_PAUSE_INTERVALS = 4.5
