@@ -37,7 +37,7 @@ LARGEST_PULL = 4.0  #: Largest pull that is drawn.
 class TrackedFigure(FigureKind):
     """A figure of streams that are made up and tracked; `tolerance` is that of the response."""
 
-    tolerance: float = 3e-3
+    tolerance: float = 5e-4
 
     def list_scenes(self, inputs: Inputs) -> list[Scene]:
         """Return no scenes: tasks make their own."""
@@ -99,6 +99,7 @@ class FaultOutcomes(TrackedFigure):
                 axes.text(101.0, line, f"+{phantoms}", fontsize=6, va="center", color="#c8102e")
         axes.set_yticks(lines, list(counts.index), fontsize=6)
         axes.invert_yaxis()
+        axes.grid(visible=False)
         axes.set(xlim=(0.0, 108.0), xlabel="presses (%)")
         axes.legend(
             ncols=len(VERDICT_COLOURS), fontsize=6, loc="lower center", bbox_to_anchor=(0.4, 1.0)
@@ -130,7 +131,7 @@ class MixtureOutcomes(Kind):
 
     kind: Literal["mixture-outcomes"]
     streams: Annotated[int, Field(ge=1)] = 40
-    tolerance: float = 3e-3
+    tolerance: float = 5e-4
 
     stem: ClassVar[str] = "mixtures"
 

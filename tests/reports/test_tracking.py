@@ -15,6 +15,7 @@ from pvdf_fem.report.results import ReportResults
 from pvdf_fem.report.task import compute_key
 from pvdf_fem.surrogate.touch_domain import Domain
 from reports.__main__ import load_report
+from reports.tracking import stream as streams
 from reports.tracking import tasks
 from reports.tracking.clock_faults import MICROSECOND_WRAP_S
 from reports.tracking.fault import Fault, Stage
@@ -197,6 +198,10 @@ def test_figures_show_what_the_tasks_found(monkeypatch):
     """A preview with made-up charges in place of solves."""
     monkeypatch.setattr(tasks, "build_response", lambda scene, *_, **__: RESPONSE.for_scene(scene))
     monkeypatch.setattr(tasks, "PRESSED", PRESSED)
+    monkeypatch.setattr(tasks, "RATE_HZ", 100.0)
+    monkeypatch.setattr(tasks, "BLOCK_ROWS", 50)
+    monkeypatch.setattr(streams, "RATES_HZ", [250.0] * len(streams.RATES_HZ))
+    monkeypatch.setattr(streams, "SECONDS", (6.0, 6.0))
     plan = load_report("tracking").plan
     inputs, needed = plan.collect_requirements(quick=True)
     for need in needed:
