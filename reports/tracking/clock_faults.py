@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -166,8 +167,10 @@ def jump_forward(stream: Stream, random: np.random.Generator) -> Stream:
 
 def drop_rows(stream: Stream, random: np.random.Generator) -> Stream:
     """Write no rows for 0.5 to 1.5 s; presses in this time are excused."""
-    begin_s = float(stream.true_s[draw_row(stream, random)])
-    end_s = begin_s + random.uniform(0.5, 1.5)
+    length_s = random.uniform(0.5, 1.5)
+    window = stream.window
+    begin_s = random.uniform(window.begin_s, window.end_s - length_s)
+    end_s = begin_s + length_s
     is_kept = (stream.true_s < begin_s) | (stream.true_s >= end_s)
     stream = stream.select_rows(is_kept).excuse(begin_s, end_s)
     return stream.describe(f"no rows from {begin_s:.2f} to {end_s:.2f} s")
@@ -179,7 +182,9 @@ def drop_single_rows(stream: Stream, random: np.random.Generator) -> Stream:
     return stream.select_rows(~is_dropped).describe(f"{is_dropped.sum()} single rows missing")
 
 
-def _replace_stamps(stream: Stream, random: np.random.Generator, values_s) -> Stream:
+def _replace_stamps(
+    stream: Stream, random: np.random.Generator, values_s: Sequence[float]
+) -> Stream:
     """Replace up to three stamps by values that are drawn from a list."""
     stamps_s = stream.stamps_s.copy()
     count = int(random.integers(1, 4))

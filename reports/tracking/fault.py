@@ -8,8 +8,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from pvdf_fem.arrays import Array
-from reports.tracking.stream import Interval, Stream
+from pvdf_fem.arrays import Indices
+from reports.tracking.stream import Stream
 
 
 class Stage(IntEnum):
@@ -91,22 +91,24 @@ def draw_channel(stream: Stream, random: np.random.Generator) -> int:
     return int(random.integers(len(stream.names)))
 
 
-def replace_readings(stream: Stream, rows: slice | Array, channels: slice | int, value) -> Stream:
+def replace_readings(
+    stream: Stream, rows: slice | int | Indices, channels: slice | int, value_V: float
+) -> Stream:
     """Replace readings by a value that says nothing about their channels.
 
     Parameters
     ----------
     stream : Stream
         The stream.
-    rows : slice or array
+    rows : slice, int or array of int
         Rows to replace.
     channels : slice or int
         Channels to replace.
-    value : float
+    value_V : float
         New readings in V; NaN for empty cells.
     """
     readings_V = stream.readings_V.copy()
-    readings_V[rows, channels] = value
+    readings_V[rows, channels] = value_V
     is_seen = stream.is_seen.copy()
     is_seen[rows, channels] = False
     return replace(stream, readings_V=readings_V, is_seen=is_seen)
@@ -121,9 +123,9 @@ def excuse_press_at(stream: Stream, row: int) -> Stream:
 
 def excuse_hidden_presses(stream: Stream) -> Stream:
     """Excuse presses of which at least half of the rows are not complete."""
-    is_complete = stream.is_seen.all(axis=1)
+    is_complete = np.all(stream.is_seen, axis=1)
     for press in stream.presses:
         begin, end = np.searchsorted(stream.true_s, [press.begin_s, press.end_s])
-        if is_complete[begin:end].mean() <= 0.5:
-            stream = stream.excuse(*Interval(press.begin_s, press.end_s))
+        if 2 * np.count_nonzero(is_complete[begin:end]) <= end - begin:
+            stream = stream.excuse(press.begin_s, press.end_s)
     return stream

@@ -140,7 +140,8 @@ class PressedSensor:
         same slope there.
         """
         least_N = self.forces_N[0]
-        roots = np.linspace(*np.cbrt(self.forces_N), FORCE_NODES)
+        least_root, largest_root = np.cbrt(self.forces_N)
+        roots = np.linspace(least_root, largest_root, FORCE_NODES)
         touches = np.zeros((FORCE_NODES, 4))
         touches[:, 0] = press.x_mm
         touches[:, 1] = press.y_mm

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -130,7 +131,14 @@ def kill_channel(stream: Stream, random: np.random.Generator) -> Stream:
     return _fail_channel(stream, random, 0.0, returns=False)
 
 
-def _spike(stream: Stream, rows, channels, value_V: float, *, length: int = 1) -> Stream:
+def _spike(
+    stream: Stream,
+    rows: Sequence[int],
+    channels: Sequence[int],
+    value_V: float,
+    *,
+    length: int = 1,
+) -> Stream:
     """Replace the readings from each row on by a value, in one channel per row.
 
     Parameters
@@ -176,7 +184,7 @@ def add_spikes_while_settling(stream: Stream, random: np.random.Generator) -> St
     count = int(random.integers(1, 4))
     rows = random.integers(0, int(SETTLING_S * stream.rate_Hz), size=count)
     channels = random.integers(0, len(stream.names), size=count)
-    return _spike(stream, rows, channels, float(random.choice(SPIKES_V)))
+    return _spike(stream, rows.tolist(), channels.tolist(), float(random.choice(SPIKES_V)))
 
 
 def add_spike_bursts(stream: Stream, random: np.random.Generator) -> Stream:
@@ -185,7 +193,7 @@ def add_spike_bursts(stream: Stream, random: np.random.Generator) -> Stream:
     rows = [draw_row(stream, random) for _ in range(count)]
     channels = random.integers(0, len(stream.names), size=count)
     value_V = float(random.choice(SPIKES_V))
-    return _spike(stream, rows, channels, value_V, length=int(random.integers(2, 5)))
+    return _spike(stream, rows, channels.tolist(), value_V, length=int(random.integers(2, 5)))
 
 
 def add_common_spikes(stream: Stream, random: np.random.Generator) -> Stream:

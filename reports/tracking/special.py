@@ -179,7 +179,7 @@ class LongStreamPulls(TrackedFigure):
         """Draw the distribution of the pulls, and the normal distribution."""
         pulls = np.reshape(data.pulls.iloc[0], (-1, 3))
         grid = np.linspace(-LARGEST_PULL, LARGEST_PULL, 200)
-        bins = np.linspace(-LARGEST_PULL, LARGEST_PULL, 33)
+        bins = np.linspace(-LARGEST_PULL, LARGEST_PULL, 33).tolist()
         for name, values, colour in zip(("x", "y", "force"), pulls.T, COLOURS, strict=False):
             rms = np.sqrt(np.mean(np.square(values)))
             label = f"{name}: rms {rms:.2f}"

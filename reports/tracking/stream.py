@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -17,6 +17,7 @@ RATE_SHARES = (0.15, 0.2, 0.25, 0.25, 0.1, 0.05)  #: ... and how often.
 NOISE_V = (5e-4, 2e-3)  #: Least and largest standard deviation of the noise.
 ROWS = 6000  #: Length of a stream, ...
 SECONDS = (6.0, 15.0)  #: ... unless this is shorter or longer than these durations.
+BLOCK_ROWS = 10_000  #: Rows that are converted to floats at once.
 
 
 class Interval(NamedTuple):
@@ -24,6 +25,14 @@ class Interval(NamedTuple):
 
     begin_s: float
     end_s: float
+
+
+class LoggedRow(NamedTuple):
+    """A row of a logger, and its true time."""
+
+    stamp_s: float
+    readings_V: list[float]
+    true_s: float
 
 
 class ClockJump(NamedTuple):
@@ -89,6 +98,17 @@ class Stream:
             true_s=self.true_s[rows],
             is_seen=self.is_seen[rows],
         )
+
+    def iterate_rows(self) -> Iterator[LoggedRow]:
+        """Yield the rows. The floats of a block of rows, not of all, are made at once."""
+        for begin in range(0, len(self.true_s), BLOCK_ROWS):
+            block = slice(begin, begin + BLOCK_ROWS)
+            yield from map(
+                LoggedRow,
+                self.stamps_s[block].tolist(),
+                self.readings_V[block].tolist(),
+                self.true_s[block].tolist(),
+            )
 
     def compute_seen_force(self, press: Press) -> float:
         """Compute the largest force in N of a press at rows that show at least three channels."""

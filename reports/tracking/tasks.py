@@ -201,24 +201,22 @@ class CostOfRows(Task):
 
 def _time_rows(tracker: Tracker, stream: Stream) -> Array:
     """Measure the CPU time in s of each row, (n,)."""
-    times_s = np.empty(len(stream.true_s))
-    readings_V = stream.readings_V.tolist()
-    for row, stamp_s in enumerate(stream.stamps_s.tolist()):
+    times_s = []
+    for row in stream.iterate_rows():
         begin_ns = time.thread_time_ns()
-        tracker.update(stamp_s, readings_V[row])
-        times_s[row] = 1e-9 * (time.thread_time_ns() - begin_ns)
-    return times_s
+        tracker.update(row.stamp_s, row.readings_V)
+        times_s.append(1e-9 * (time.thread_time_ns() - begin_ns))
+    return np.array(times_s)
 
 
 def _trace_memory(tracker: Tracker, stream: Stream) -> Iterator[int]:
     """Yield the bytes that the tracker has allocated at the end of each block of rows."""
-    readings_V = stream.readings_V.tolist()
-    stamps_s = stream.stamps_s.tolist()
+    rows = list(stream.iterate_rows())  # before, so that they do not count
     tracemalloc.start()
     try:
-        for end in range(BLOCK_ROWS, len(stamps_s) + 1, BLOCK_ROWS):
-            for row in range(end - BLOCK_ROWS, end):
-                tracker.update(stamps_s[row], readings_V[row])
-            yield tracemalloc.get_traced_memory()[0]
+        for number, row in enumerate(rows, start=1):
+            tracker.update(row.stamp_s, row.readings_V)
+            if number % BLOCK_ROWS == 0:
+                yield tracemalloc.get_traced_memory()[0]
     finally:
         tracemalloc.stop()

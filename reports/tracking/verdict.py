@@ -82,12 +82,11 @@ class Verdict:
 def track_stream(tracker: Tracker, stream: Stream) -> Outcome:
     """Feed a stream to a tracker, row by row."""
     reports: list[Report] = []
-    messages = {}
+    messages: dict[str, None] = {}  # in the order of their first appearance
     slowest_s = 0.0
     begin_s = time.process_time()
     previous_s = begin_s
-    columns = (stream.stamps_s.tolist(), stream.readings_V.tolist(), stream.true_s.tolist())
-    for stamp_s, reading_V, true_s in zip(*columns, strict=True):
+    for stamp_s, reading_V, true_s in stream.iterate_rows():
         row = tracker.update(stamp_s, reading_V)
         if row.status not in ORDINARY or row.missing:
             messages[f"{row.status}, missing: {row.missing}" if row.missing else row.status] = None
@@ -180,6 +179,8 @@ def judge(stream: Stream, outcome: Outcome, faults: tuple[Fault, ...]) -> Verdic
     verdict.phantom = sum(report.is_located for report in reports)
     said = "\n".join(outcome.messages)
     for fault in faults:
+        if fault.is_early and verdict.right == len(stream.presses):
+            continue  # The tracker had settled before the early press.
         if not re.search(fault.message, said, re.IGNORECASE):
             verdict.unsaid.append(fault.name)
     return verdict
