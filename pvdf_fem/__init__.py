@@ -14,8 +14,8 @@ About one solution
 Many scenes
     `sweep` solves a grid of scenes. `Report` makes a page of figures and tables from a script.
 From known touches to the sensor
-    `calibrate` fits the film, the gains and offsets of the amplifiers, and the place of the film on
-    the stage to readings of known touches.
+    `calibrate` fits the film, the gains and offsets of the amplifiers, and the position of the film
+    on the stage to readings of known touches.
 From charges to touches
     `build_response` builds a `Response`, which evaluates the charges of any touch fast. `locate`
     and `locate_many` find the touches that explain readings, and a `Tracker` follows touches in a

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import os
-import re
 import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
-
-_DECIMAL_COMMA = re.compile(r"^(\s*[+-]?[0-9]*),([0-9]+([eE][+-]?[0-9]+)?\s*)$")
 
 
 class FileError(ValueError):
@@ -109,32 +105,6 @@ def require_utf8_lines(content: bytes, name: str) -> None:
         raise FileError(f"{name}: is UTF-16 text; save the file as UTF-8")
     if b"\r" in content.removesuffix(b"\r") and b"\n" not in content:
         raise FileError(f"{name}: has lines that end in CR alone; save the file with LF or CR LF")
-
-
-def read_csv_rows(lines: Iterable[str], header: str) -> Iterator[list[str]]:
-    """Yield the rows of a CSV file.
-
-    If the header has semicolons and no comma, as in files of spreadsheets with decimal commas,
-    cells are separated by semicolons, and decimal commas are replaced by points.
-
-    Parameters
-    ----------
-    lines : iterable of str
-        Lines of the file.
-    header : str
-        First line of the file.
-
-    Yields
-    ------
-    list of str
-        Cells of the next row.
-    """
-    has_semicolons = ";" in header and "," not in header
-    for row in csv.reader(lines, delimiter=";" if has_semicolons else ",", strict=True):
-        if has_semicolons:
-            yield [_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in row]
-        else:
-            yield row
 
 
 @contextmanager
@@ -281,12 +251,12 @@ def make_directory(path: Path, first: str, *inputs: Path) -> None:
     """
     for other in inputs:
         if is_same_file(path, other.parent):
-            raise FileError(f"{path}: holds {other.name}, which is read; give another directory")
+            raise FileError(f"{path}: contains the input file {other.name}; give another directory")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError(
-            f"{path}: cannot be made a directory ({error.strerror}); give another name"
+            f"{path}: cannot be created as a directory ({error.strerror}); give another name"
         ) from None
     require_writable(path / first)
 

@@ -21,7 +21,7 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = ["film", "problem", "electrodes", "solver", "scene", "batch"]
+FOLDERS = ["readings", "film", "problem", "electrodes", "solver", "scene", "batch"]
 FOLDERS += ["surrogate", "inverse"]
 NOT_COPIED = (".git", ".venv", ".*cache", ".hypothesis", "__pycache__", "out")
 #: Seconds after which a run of tests counts as killed.

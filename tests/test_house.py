@@ -19,8 +19,8 @@ ROOT = Path(__file__).parents[1]
 # `pvdf_fem.root` stands for files and arrays, `pvdf_fem.door` for `__init__` and `__main__`, which
 # lead into all folders.
 ORDER = """
-root readings scene mesh film problem electrodes view solver dynamics batch surrogate inverse studies
-report explore cli door
+root readings scene mesh film problem electrodes view solver dynamics batch surrogate inverse
+studies report explore cli door
 """
 ORDER_OF_REPORTS = "reference accuracy thesis locating tracking design stability gallery guide"
 LIBRARY = [f"pvdf_fem.{name}" for name in ORDER.split()]

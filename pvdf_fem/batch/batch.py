@@ -45,7 +45,7 @@ UnloadedRecords = dict[Scene, Record]
 def solve_scenes(
     scenes: Sequence[Scene], store: Store | None = None, **options: Any
 ) -> list[Record]:
-    """Return the records of scenes, in their order; solve those without a stored record.
+    """Solve the scenes that have no stored record, and return the records of all scenes.
 
     Parameters
     ----------
@@ -59,7 +59,8 @@ def solve_scenes(
     Returns
     -------
     list of Record
-        Scenes whose solve has crashed have a record with the status `CRASHED`.
+        In the order of the scenes. Scenes whose solve has crashed have a record with the status
+        `CRASHED`.
     """
     plan = plan_scenes(scenes, store)
     records = dict(solve_planned(plan, store, **options))
@@ -158,10 +159,10 @@ def _solve_blocks(
 def _list_tasks(
     plan: SweepPlan, store: Store | None, solved_elsewhere: dict[int, list[Record]]
 ) -> Iterator[tuple[int, SolveTask]]:
-    """Yield the numbers and tasks of the blocks that need a solve.
+    """Yield the numbers and tasks of the blocks that still need a solve.
 
-    If the store has all records of a block by now, they are put into `solved_elsewhere`, under the
-    block's number, and the block has no task.
+    If the store already has all records of a block, they are added to `solved_elsewhere` under the
+    block's number instead.
     """
     for number, block in enumerate(plan.blocks):
         scenes = plan.scenes_of(number)
@@ -180,7 +181,7 @@ def _complete_records(
 ) -> list[Record]:
     """Add the stress integrals of the unloaded films to the records of a task.
 
-    For a worker that died, the records of its scenes have the status `CRASHED`.
+    If the worker died, the records of its scenes have the status `CRASHED`.
     """
     records = result
     if isinstance(records, WorkerDied):
@@ -229,7 +230,7 @@ def _solve_task(task: SolveTask) -> list[Record]:
 
 
 def _make_crashed_records(scenes: Sequence[Scene], reason: str) -> list[Record]:
-    """Return records with the status `CRASHED`, and `reason`, for all scenes."""
+    """Make a record with the status `CRASHED` and a reason for each scene."""
     records = []
     for scene in scenes:
         electrodes = tuple(electrode.name for electrode in scene.electrode_list)

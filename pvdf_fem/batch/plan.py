@@ -44,6 +44,7 @@ class SweepPlan:
         return [self.scenes[i] for i in self.blocks[block].indices]
 
     def __str__(self) -> str:
+        """Return a line for each number: of scenes, distinct ones, missing ones and solves."""
         distinct = self.missing + len(self.stored)
         rows = [(len(self.scenes), "scenes")]
         if distinct < len(self.scenes):
@@ -72,8 +73,8 @@ def plan_solves(scenes: Sequence[Scene], is_stored: Sequence[bool] | None = None
     Raises
     ------
     SceneError
-        If a profile file cannot be used, or a scene without a record has charges by effects other
-        than stress.
+        If a profile file cannot be used, or if a scene without a record has charges from effects
+        other than stress.
     """
     scenes = pin_profile_files(scenes)
     first_index: dict[Scene, int] = {}

@@ -17,7 +17,7 @@ from pvdf_fem.problem.equivalence import DIGITS
 from pvdf_fem.problem.outputs import Output
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.solver.acceptance import warn_of_cancelled_charges
+from pvdf_fem.solver.acceptance import list_cancellation_warnings
 from pvdf_fem.solver.adaptive import UnloadedFilmError, solve_outputs
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.solution import Solution
@@ -27,7 +27,7 @@ RETRIED = (Status.TOLERANCE, Status.SLACK, Status.MESH_FAILED)
 
 
 def make_records(scenes: Sequence[Scene], frames: Array) -> list[Record]:
-    """Make the records of scenes whose films have the same deformation, by one solve.
+    """Solve scenes whose films have the same deformation together, and make their records.
 
     The mesh follows the first scene's electrodes if the electrodes of all scenes coincide with
     these, and otherwise no electrodes. If the solve of several scenes ends with one of the statuses
@@ -66,7 +66,7 @@ def make_records(scenes: Sequence[Scene], frames: Array) -> list[Record]:
 
 
 def _remove_electrodes(problem: Problem) -> Scene:
-    """Return the scene without electrodes; its film bends if it does with electrodes."""
+    """Return a copy of the scene without electrodes; it bends if the problem's film bends."""
     film = problem.scene.film.model_copy(update={"bending": problem.film.bends})
     return problem.scene.model_copy(update={"electrodes": (), "film": film})
 
@@ -156,7 +156,7 @@ def _split_solution(
                 defined[name] = values[rows].tolist()
         solved = solution.discrete.stress_integrals.of(rows)
         warnings = [*problem.film.warnings, *common_warnings]
-        warnings += warn_of_cancelled_charges(scene, solved)
+        warnings += list_cancellation_warnings(scene, solved)
         record = replace(
             shared,
             electrodes=electrodes,
@@ -217,10 +217,13 @@ def _replace_mesh_patches(outputs: Sequence[Output], problem: Problem) -> list[O
 def _evaluate_observable(
     solution: Solution, outputs: Sequence[Output], observable: Observable
 ) -> Array:
-    """Evaluate the stress integrals X and Y of all outputs by an observable, in N, (outputs, 2).
+    """Evaluate the stress integrals X and Y of all outputs for an observable.
 
-    They are those of the solve if it used this observable, and zero for outputs for which the
-    observable is not defined.
+    Returns
+    -------
+    ndarray, shape (outputs, 2)
+        In N: those of the solve if it used this observable, and zero for an output for which the
+        observable is not defined.
     """
     integrals = np.zeros((len(outputs), 2))
     is_solved = np.array([output.observable == observable.name for output in outputs], bool)

@@ -78,7 +78,7 @@ class Record:
         return self.status == "converged"
 
     def integrals_by(self, observable: str) -> StressIntegrals:
-        """Return the electrodes' stress integrals by an observable; NaN if the record has none.
+        """Return the electrodes' stress integrals for an observable; NaN if there are none.
 
         The errors are NaN for an observable that is not the scene's.
         """

@@ -94,7 +94,9 @@ def run_on_processes(
         return get_memmapping_executor(count, **options)
 
     try:
-        yield from _run(function, tasks, get_executor=get_executor, count_workers=lambda: count)
+        yield from _run_tasks(
+            function, tasks, get_executor=get_executor, count_workers=lambda: count
+        )
     except BaseException:  # nobody waits for tasks that still run
         get_executor().shutdown(kill_workers=True)
         raise
@@ -153,7 +155,7 @@ def run_on_cluster(
     with client:
         executor = client.get_executor(pure=False)
         try:
-            yield from _run(
+            yield from _run_tasks(
                 function,
                 tasks,
                 get_executor=lambda: executor,
@@ -182,17 +184,18 @@ def _connect_to_scheduler(scheduler: str) -> Any:
         raise ClusterError(f"--scheduler {scheduler}: {error}; {advice}") from error
 
 
-def _run(
+def _run_tasks(
     function: Callable[[Task], Result],
     tasks: Iterable[tuple[int, Task]],
     *,
     get_executor: Callable[[], Executor],
     count_workers: Callable[[], int],
 ) -> Iterator[tuple[int, Result | WorkerDied]]:
-    """Yield the numbers of tasks with their results, in order of completion.
+    """Run tasks on an executor, and yield their numbers and results in order of completion.
 
-    Up to twice as many tasks as workers are submitted at a time. An executor with a dead process
-    has lost its tasks; `get_executor` replaces it, and the lost tasks are submitted one by one.
+    Up to twice as many tasks as workers are submitted at a time. If a process dies, its executor
+    loses all its tasks; `get_executor` then returns a new one, and the lost tasks are submitted one
+    by one.
     """
     remaining = iter(tasks)
     running: dict[Future[Result], tuple[int, Task]] = {}

@@ -75,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     SystemExit
         After ``--help`` or ``--version``, and if `argparse` finds an error.
     """
-    return run_program("pvdf-fem", lambda: _run(arguments))
+    return run_program("pvdf-fem", lambda: _run_command(arguments))
 
 
 def make_parser() -> ArgumentParser:
@@ -117,7 +117,7 @@ def _make_parsers(names: Iterable[str]) -> tuple[ArgumentParser, dict[str, Argum
     return parser, dict(commands.choices)
 
 
-def _run(arguments: Sequence[str] | None) -> int:
+def _run_command(arguments: Sequence[str] | None) -> int:
     """Parse command-line arguments, run the subcommand, and return the exit code.
 
     Without a subcommand, the help is printed and the exit code is `ExitCode.BAD_INPUT`.
@@ -149,7 +149,7 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def _find_command(words: Sequence[str]) -> str | None:
-    """Return the first word if it is a subcommand, and else None.
+    """Return the first word if it is a subcommand, otherwise None.
 
     Options ``-v`` in front of it are skipped. The result is None if any other option, such as
     ``--help``, or an unknown word comes first.

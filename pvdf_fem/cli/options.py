@@ -6,7 +6,7 @@ import argparse
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 from pvdf_fem.cli.program import InputError, print_errors, shorten
 from pvdf_fem.scene.scene_file import SceneError, parse_change, quote, read_key_texts, suggest
@@ -168,6 +168,60 @@ def add_text_option(
     parser.add_argument(name, metavar=metavar, default=default, help=text)
 
 
+class NoiseOptions(NamedTuple):
+    """Standard deviations of readings, as the options of `add_noise_options` give them."""
+
+    sigma: float  #: As a fraction of the charge or change that is read.
+    noise: float | None  #: Additional one of every reading; None for that of the readout.
+
+
+def add_noise_options(
+    parser: argparse.ArgumentParser, noise_option: str = "--noise", unit: str = "in its unit"
+) -> None:
+    """Add the option ``--sigma``, and another one for noise that does not depend on the reading.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        The parser to which the options are added.
+    noise_option : str
+        The second option.
+    unit : str
+        Unit of its value, for the help.
+    """
+    add_text_option(
+        parser,
+        "--sigma",
+        "FRACTION",
+        about="standard deviation of a reading, relative to the charge or change that is read",
+        default="0.01",
+    )
+    about = (
+        f"additional standard deviation of every reading {unit} (default: readout.noise_V, or 0)"
+    )
+    add_text_option(parser, noise_option, "VALUE", about=about)
+
+
+def parse_noise_options(
+    options: argparse.Namespace, errors: list[str], noise_option: str = "--noise"
+) -> NoiseOptions:
+    """Parse the options of `add_noise_options`.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Options of the subcommand.
+    errors : list of str
+        Error messages, to which one is appended for each value that is invalid.
+    noise_option : str
+        The option of `add_noise_options`.
+    """
+    noise_text = getattr(options, noise_option.removeprefix("--").replace("-", "_"))
+    sigma = parse_number("--sigma", options.sigma, errors, allow_zero=True)
+    noise = parse_optional_number(noise_option, noise_text, errors, allow_zero=True)
+    return NoiseOptions(sigma, noise)
+
+
 def add_progress(parser: argparse.ArgumentParser) -> None:
     """Add the option ``--progress``, which is True, or None if it is not used."""
     parser.add_argument(
@@ -253,7 +307,7 @@ def read_scene(options: argparse.Namespace, *errors: str) -> Scene:
         raise InputError(*messages)
     if changes:
         for lost in _find_lost_keys(original, scene, changes):
-            print_errors(f"--set: drops {lost}, a key that the changed scene does not have")
+            print_errors(f"--set: removes {lost}, a key that the changed scene cannot have")
     return scene
 
 

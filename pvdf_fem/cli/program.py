@@ -20,7 +20,7 @@ MAX_LINES = 120  #: Maximum number of error messages that are printed, one on ea
 
 
 class ExitCode(IntEnum):
-    """The exit codes of programs. CONVERGED is also that of a program that solves nothing."""
+    """The exit codes of programs. Programs that solve nothing also end with `CONVERGED`."""
 
     CONVERGED = 0
     BAD_INPUT = 2
@@ -159,7 +159,7 @@ def log_to_stderr(verbosity: int) -> Iterator[None]:
 def _prepare_streams() -> None:
     """Let standard output and standard error accept characters that they cannot encode.
 
-    If there is no standard error, the null device takes its position.
+    If there is no standard error, the null device takes its place.
     """
     if sys.stderr is None:  # print() would write to standard output instead
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115

@@ -258,7 +258,12 @@ class ResponseChoice:
 
 @convert_value_errors()
 def load_or_build_response(
-    scene: Scene, scene_file: str, choice: ResponseChoice, *, as_stored: bool = False
+    scene: Scene,
+    scene_file: str,
+    choice: ResponseChoice,
+    *,
+    as_stored: bool = False,
+    with_sensitivities: bool = False,
 ) -> Response:
     """Load the response of a scene from its file, or build it and write the file.
 
@@ -275,6 +280,9 @@ def load_or_build_response(
         Options that describe the response.
     as_stored : bool
         Whether to return a stored response unchanged, even if it has other electrodes.
+    with_sensitivities : bool
+        Whether the response needs the derivatives for the parameters in the scene's
+        ``[calibration]``. If a stored response lacks them, they are solved, and it is stored again.
 
     Returns
     -------
@@ -308,8 +316,11 @@ def load_or_build_response(
         response = stored.for_scene(scene, progress=choice.progress)
     except ValueError as error:
         raise ValueError(f"--model {path}: {error}, or name another file") from error
+    if with_sensitivities:
+        response = response.with_sensitivities(progress=choice.progress)
     # for_scene() computes another spline only for other electrodes, d31 or d32
     is_new = response.spline is not stored.spline
+    is_new |= response.sensitivities is not stored.sensitivities
     if is_new and not choice.file:
         with suppress(FileError):  # if it cannot be written, it is evaluated again next time
             response.for_scene(centre_probe(scene)).save(path)

@@ -96,12 +96,12 @@ def run(options: argparse.Namespace) -> int:
     errors = find_output_errors(options.vtu, [".vtu"], options.scene, options.mesh)
     errors += find_plot_errors(options, options.scene, options.mesh, options.vtu)
     if options.quantity is not None and not options.plot:
-        errors.append("--quantity: is the quantity of --plot; add --plot FILE, or remove it")
+        errors.append("--quantity: requires --plot; add --plot FILE, or remove it")
     if options.plan:
         outputs = {"--plot": options.plot, "--vtu": options.vtu}
         for option, path in outputs.items():
             if path is not None:
-                errors.append(f"--plan: incompatible with {option}; remove one")
+                errors.append(f"--plan: cannot be combined with {option}; remove one of the two")
     scene = read_scene(options, *errors)
     quantity = options.quantity or _DEFAULT_QUANTITY
     if options.plan:

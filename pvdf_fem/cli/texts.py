@@ -101,7 +101,7 @@ def _print_keys(options: argparse.Namespace) -> int:
         word = options.words[0]
         names = list(dict.fromkeys(key.name for key in keys))
         near = suggest(word.casefold(), names)
-        raise InputError(f"{word[:MAX_QUOTED]}: does not occur in the keys or their texts; {near}")
+        raise InputError(f"{word[:MAX_QUOTED]}: is in no name or description of a key; {near}")
     for table, group in groupby(matches, lambda key: key.table):
         print(table)
         for key in group:

@@ -1,7 +1,7 @@
 """Changes of the charges due to a small additional force, as functions of frequency or time.
 
-Here is what both have in common: the solution that the motion is linearised about, the channels of
-the readout, the neglected effects, and the printed summary.
+Both share this module: the solution about which the motion is linearised, the channels of the
+readout, the neglected effects, and the printed summary.
 """
 
 from __future__ import annotations
@@ -28,8 +28,11 @@ class ChargeChanges(TabularResult):
     neglected: tuple[str, ...]  #: Descriptions of the neglected effects.
 
     def summary(self) -> Summary:
-        """Return the range of frequency or time, a table without errors, and neglected effects."""
-        columns = {k: column for k, column in self.columns().items() if "error" not in k}
+        """Summarize the range of frequency or time and the values, without their errors."""
+        columns = {}
+        for key, column in self.columns().items():
+            if "error" not in key:
+                columns[key] = column
         name = next(iter(columns))
         values = columns[name]
         span = f"{name} {values.min():g} to {values.max():g}" if values.size else "none"
@@ -50,9 +53,9 @@ class LoadedSolution(NamedTuple):
 
 
 def resolve_loaded_solution(solution: Solution | SceneLike) -> LoadedSolution:
-    """Check that the motion about a scene can be linearised, and return its solution and channels.
+    """Return the solution about which the motion is linearised, and its readout channels.
 
-    The scene is solved unless its solution is given.
+    A scene is solved first. A scene about which the motion cannot be linearised raises an error.
 
     Parameters
     ----------
@@ -75,7 +78,7 @@ def resolve_loaded_solution(solution: Solution | SceneLike) -> LoadedSolution:
     return LoadedSolution(solution, make_channels(scene) if scene.readout is not None else ())
 
 
-def label_in_pC(solution: Solution, charges: Any) -> dict[str, Any]:
+def label_charges_pC(solution: Solution, charges: Any) -> dict[str, Any]:
     """Convert charges from C to pC, and return them by the name of the electrode.
 
     Parameters
@@ -105,7 +108,7 @@ def describe_neglected_effects(solution: Solution) -> tuple[str, ...]:
         effects.append(describe_missing_air(scene))
     if scene.film.loss_tangent is None:
         effects.append(
-            "damping by the film: resonant amplitudes are too large; to include it give"
+            "damping by the film: resonant amplitudes are too large; to include it, set"
             " film.loss_tangent"
         )
     if scene.air is not None and not scene.air.baffle:

@@ -12,7 +12,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.charge_changes import (
     ChargeChanges,
     describe_neglected_effects,
-    label_in_pC,
+    label_charges_pC,
     resolve_loaded_solution,
 )
 from pvdf_fem.dynamics.motion_equations import ComplexArray, linearise_about
@@ -127,8 +127,8 @@ def respond(
     return FrequencyResponse(
         solution,
         frequencies,
-        charges_pC_N=label_in_pC(solution, charges),
-        charge_errors_pC_N=label_in_pC(solution, errors),
+        charges_pC_N=label_charges_pC(solution, charges),
+        charge_errors_pC_N=label_charges_pC(solution, errors),
         readings_V_N=readings,
         resonances_Hz=resonances,
         neglected=describe_neglected_effects(solution),

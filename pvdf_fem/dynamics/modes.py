@@ -144,7 +144,7 @@ class Modes(Result):
         return draw_mode_shapes(shapes, basis, self.scene.film.radius_mm, title)
 
     def summary(self) -> Summary:
-        """Return the status, tables of the modes or the reason why there are none, and notes."""
+        """Summarize the modes in tables, or give the reason why there are none."""
         notes = [f"neglected: {text}" for text in self.neglected]
         if self.status is not Status.CONVERGED:
             return Summary(self.status, [self.reason], notes=notes)
@@ -295,12 +295,12 @@ def _describe_neglected_effects(
     if not includes_bending:
         if bending_increase > 0.3:
             effects.append(
-                'bending: the film vibrates as a plate; give film.bending = "auto" or true'
+                'bending: the film vibrates as a plate; set film.bending = "auto" or true'
             )
         else:
             effects.append(
                 "bending: raises the highest of these frequencies by about"
-                f" {bending_increase:.1%}; to include it give film.bending = true"
+                f" {bending_increase:.1%}; to include it, set film.bending = true"
             )
     if not scene.air:
         effects.append(describe_missing_air(scene))
@@ -325,4 +325,4 @@ def describe_missing_air(scene: Scene, baffle_factor: float = 1.5) -> str:
     film = scene.film
     ratio = Air().density_kg_m3 * film.radius / (film.density * film.thickness)
     sizes = f"about {baffle_factor * ratio:.2g} times the film's mass, {ratio:.2g} without a baffle"
-    return f"air: adds {sizes}, to the lowest mode; to include it give [air]"
+    return f"air: adds {sizes}, to the lowest mode; to include it, add [air]"

@@ -158,13 +158,13 @@ def _compute_spectrum(
     rich_modes = _solve_eigenproblem(rich_pencil, is_symmetric, count, on_solve)
     if isinstance(rich_modes, Status):
         return rich_modes
-    # The frequencies of the Rayleigh quotients of the coarse shapes in the rich pencil.
+    # Frequencies from the Rayleigh quotients of the coarse shapes in the rich pencil.
     shapes = make_prolongation(coarse.equilibrium, rich.equilibrium) @ modes.vectors
     energies = (shapes * (rich_pencil.stiffness @ shapes)).sum(axis=0)
     inertias = (shapes * (rich_pencil.mass @ shapes)).sum(axis=0)
-    same_shape = np.sqrt(energies / inertias) / (2.0 * np.pi)
-    due_to_stress = modes.frequencies - same_shape
-    due_to_shape = same_shape - rich_modes.frequencies
+    rayleigh_frequencies = np.sqrt(energies / inertias) / (2.0 * np.pi)
+    due_to_stress = modes.frequencies - rayleigh_frequencies
+    due_to_shape = rayleigh_frequencies - rich_modes.frequencies
     min_errors = min_fraction * (np.abs(due_to_stress) + np.abs(due_to_shape))
     errors = np.maximum(np.abs(due_to_stress + due_to_shape), min_errors)
     return Spectrum(

@@ -21,7 +21,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.charge_changes import (
     ChargeChanges,
     describe_neglected_effects,
-    label_in_pC,
+    label_charges_pC,
     resolve_loaded_solution,
 )
 from pvdf_fem.dynamics.force_history import ForceHistory, SwitchedExponential
@@ -119,8 +119,8 @@ def transient(
     return Transient(
         solution,
         times,
-        charges_pC=label_in_pC(solution, charges),
-        charge_errors_pC=label_in_pC(solution, errors),
+        charges_pC=label_charges_pC(solution, charges),
+        charge_errors_pC=label_charges_pC(solution, errors),
         readings_V=readings,
         neglected=describe_neglected_effects(solution),
     )

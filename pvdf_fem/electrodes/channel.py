@@ -10,7 +10,7 @@ times V.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,9 @@ from pvdf_fem.scene.scene import Scene
 READINGS = {"total": "total charges", "change": "changes by the touch"}
 #: Size of each unit of charge in pC.
 CHARGE_UNITS_PC = {"pC": 1.0, "fC": 1e-3, "nC": 1e3, "µC": 1e6, "C": 1e12}
+#: Size of each unit of voltage in V.
+VOLTAGE_UNITS_V = {"V": 1.0, "mV": 1e-3, "µV": 1e-6}
+READING_UNITS = (*CHARGE_UNITS_PC, *VOLTAGE_UNITS_V)  #: Units in which readings may be given.
 
 
 @dataclass(frozen=True)
@@ -115,10 +118,34 @@ def list_units_pC(channels: Sequence[Channel]) -> dict[str, Array]:
     for unit, size_pC in CHARGE_UNITS_PC.items():
         units[unit] = np.full(len(channels), size_pC)
     volt_pC = 1e12 * np.array([channel.capacitance for channel in channels])
-    units["V"] = volt_pC
-    units["mV"] = 1e-3 * volt_pC
-    units["µV"] = 1e-6 * volt_pC
+    for unit, size_V in VOLTAGE_UNITS_V.items():
+        units[unit] = size_V * volt_pC
     return units
+
+
+def get_reading_unit(scene: Scene) -> str:
+    """Return the unit of readings that do not state it: ``readout.unit``, or pC without a readout."""
+    return scene.readout.unit if scene.readout else "pC"
+
+
+def find_unit_errors(scene: Scene, unit: str | None, name: str = "unit =") -> Iterator[str]:
+    """Yield a message if a unit of readings is unknown, or one of voltage without a readout.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene with or without a readout.
+    unit : str or None
+        The unit; None for that of `get_reading_unit`, which is always valid.
+    name : str
+        Name of the argument or option, for the beginning of the message.
+    """
+    if unit is None:
+        return
+    if unit not in READING_UNITS:
+        yield f"{name} {unit}: choose from {', '.join(READING_UNITS)}"
+    elif unit in VOLTAGE_UNITS_V and scene.readout is None:
+        yield f"{name} {unit}: the scene has no [readout]; add one, or give readings in pC"
 
 
 def compute_capacitance(area: float, thickness: float, permittivity: float) -> float:

@@ -1,4 +1,4 @@
-"""Pyroelectric charges, by uniform warming of the film and by warm probes."""
+"""Pyroelectric charges due to uniform warming of the film and to warm probes."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from pvdf_fem.problem.problem import Problem
 
 
 def compute_heat_charges(problem: Problem, equilibrium: Equilibrium) -> Array:
-    """Compute the charges of a problem's outputs by uniform warming and by warm probes.
+    """Compute the charges of a problem's outputs due to uniform warming and warm probes.
 
     Parameters
     ----------
     problem : Problem
-        The problem, which defines the warming and the outputs. It may be another one than that of
+        The problem, which defines the warming and the outputs. It may differ from the problem of
         `equilibrium`.
     equilibrium : Equilibrium
         Equations whose mesh and sector are used to integrate the warming by probes.

@@ -13,6 +13,12 @@ from pvdf_fem.electrodes.channel import Channel, list_units_pC
 
 #: For up to this number of channels, all permutations are listed; for more, only pairwise swaps.
 MAX_PERMUTED = 4
+#: What to do about each kind of mistake.
+ADVICE = {
+    "swapped_channels": "correct the names of the columns",
+    "wrong_unit": "give the right unit",
+    "wrong_sign": "give a negative readout.gain",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +30,11 @@ class Misreading:
     order: tuple[int, ...]  #: For each channel, the column that contains its readings.
     #: For each channel, the factor that corrects its readings, shape (channels,).
     factors: Array
+
+    @property
+    def advice(self) -> str:
+        """What to do about the mistake."""
+        return ADVICE[self.kind]
 
     @property
     def swapped_count(self) -> int:
@@ -68,7 +79,7 @@ def list_misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misread
     for order in _list_wrong_channel_orders(len(channels)):
         text = _describe_order(names, order)
         yield Misreading("swapped_channels", text, order=order, factors=ones)
-    for units, ratio in _list_unit_ratios(channels, unit):
+    for units, ratio in list_unit_ratios(channels, unit):
         text = f"readings are in {' or '.join(units)}, not in {unit}"
         yield Misreading("wrong_unit", text, order=same_order, factors=ratio)
     yield Misreading("wrong_sign", "readings have the wrong sign", order=same_order, factors=-ones)
@@ -93,8 +104,8 @@ def _describe_order(names: Sequence[str], order: Sequence[int]) -> str:
     return text
 
 
-def _list_unit_ratios(channels: Sequence[Channel], unit: str) -> Iterator[tuple[list[str], Array]]:
-    """Yield every size of units that differs from the size of the given unit.
+def list_unit_ratios(channels: Sequence[Channel], unit: str) -> Iterator[tuple[list[str], Array]]:
+    """Yield the units whose size differs from that of a given unit, grouped by size.
 
     Yields
     ------
@@ -116,7 +127,10 @@ def _list_unit_ratios(channels: Sequence[Channel], unit: str) -> Iterator[tuple[
 
 
 def _list_wrong_channel_orders(count: int) -> Iterator[tuple[int, ...]]:
-    """Yield wrong orders of channels: all up to `MAX_PERMUTED` channels, else swaps of two."""
+    """Yield wrong orders of channels: all of them, or swaps of two if there are many channels.
+
+    The limit is `MAX_PERMUTED` channels.
+    """
     if count <= MAX_PERMUTED:
         orders = permutations(range(count))
         next(orders)  # skip the correct order

@@ -72,7 +72,7 @@ class Observable(ABC):
         Raises
         ------
         ValueError
-            For an electrode that the observable is not defined for.
+            If the observable is not defined for one of the electrodes.
         """
 
     def is_defined_for(self, output: Output) -> bool:
@@ -80,8 +80,8 @@ class Observable(ABC):
 
         If it needs edges, it is defined for rectangles along the axes that carry no voltage.
         """
-        # the stress by a voltage jumps at the electrode's edge, so that the edge has no stress
-        return not self.needs_edges or (output.has_edges and output.floating is None)
+        # the stress due to a voltage jumps at the electrode's edge, where it has no single value
+        return not self.needs_edges or (output.is_aligned_rectangle and output.floating is None)
 
     def require_defined(self, outputs: Sequence[Output]) -> None:
         """Raise ValueError if the observable is not defined for one of the electrodes."""
@@ -103,7 +103,7 @@ class Material(Observable):
         return film.stress(compute_strain(gradient))
 
     def samplings(self, outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
-        """Yield quadrature points over the electrodes' areas, for X and Y at a time."""
+        """Yield quadrature points over the electrodes' areas, which serve both X and Y."""
         return sample_areas(outputs, space)
 
 

@@ -67,7 +67,12 @@ class Sampling:
         return np.moveaxis(np.asarray(points), 0, -1)
 
     def gradient(self, space: Space, x: Array) -> Array:
-        """Return the displacement gradient at the points, shape (n, points, 3, 2), of dofs `x`."""
+        """Compute the displacement gradient at the points from the dofs `x`.
+
+        Returns
+        -------
+        ndarray, shape (n, points, 3, 2)
+        """
         nodal = x[space.element_dofs[self.elements]].reshape(len(self.elements), 1, -1, 3)
         return np.matmul(nodal.swapaxes(2, 3), self.gradients)
 
@@ -219,7 +224,7 @@ def place_area_points(mesh: MeshTri2, outlines: Sequence[Outline], degree: int) 
     pieces = _cut_by_elements(mesh, [outline.equal_area_polygon for outline in outlines])
     rings = shapely.get_exterior_ring(shapely.orient_polygons(pieces.shapes))
     corners, ring = shapely.get_coordinates(rings, return_index=True)
-    first = corners[np.searchsorted(ring, ring[:-1])]
+    first = corners[np.searchsorted(ring, ring[:-1])]  # first corner of the ring of each corner
     # a triangle joins the first corner of a ring to each of the ring's edges, from a to b
     a = corners[:-1] - first
     b = corners[1:] - first
@@ -310,7 +315,7 @@ def _cut_by_elements(
 
 
 def _make_element_polygons(mesh: MeshTri2) -> Geometries:
-    """Return the elements as polygons, with `CHORDS` chords along each edge of curved elements."""
+    """Make the elements' polygons, with `CHORDS` chords along each edge of curved elements."""
     nodes = mesh.doflocs[:, mesh.dofs.element_dofs]  # shape (2, 6, elements)
     corners = nodes[:, :3].transpose(2, 1, 0)  # shape (elements, 3, 2)
     polygons = shapely.polygons(corners)
@@ -322,7 +327,10 @@ def _make_element_polygons(mesh: MeshTri2) -> Geometries:
         a = nodes[:, start, curved, None]
         m = nodes[:, middle, curved, None]
         b = nodes[:, end, curved, None]
-        edges.append(a * (1 - t) * (1 - 2 * t) + 4 * m * t * (1 - t) + b * t * (2 * t - 1))
+        from_start = a * (1 - t) * (1 - 2 * t)
+        from_middle = 4 * m * t * (1 - t)
+        from_end = b * t * (2 * t - 1)
+        edges.append(from_start + from_middle + from_end)
     rings = np.concatenate(edges, axis=-1).transpose(1, 2, 0)  # shape (curved elements, points, 2)
     polygons[curved] = shapely.polygons(rings)
     return polygons

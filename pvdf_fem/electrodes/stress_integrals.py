@@ -109,11 +109,11 @@ def compute_stress_integrals(
     Returns
     -------
     ndarray, shape (outputs, 2)
-        X and Y in N. For a floating electrode they include the stress by its own voltage.
+        X and Y in N. For a floating electrode they include the stress due to its own voltage.
     """
     integrals = np.zeros((len(outputs), 2))
     for observable, sampling, directions in _iterate_samplings(outputs, membrane.space, sector):
-        film = _restrict_film(membrane, sampling, sector)
+        film = _select_film_for_samples(membrane, sampling, sector)
         stress = observable.stress(film, sampling.gradient(membrane.space, x))
         by_row = (sampling.weights[..., None] * stress).sum(axis=1)
         for axis in sampling.axes:
@@ -202,7 +202,7 @@ def differentiate_charges(
         axes = list(sampling.axes)
         d = coefficients[sampling.outputs][:, axes, None]
         weights = (d * directions[:, axes]).sum(axis=1)
-        film = _restrict_film(membrane, sampling, sector)
+        film = _select_film_for_samples(membrane, sampling, sector)
         gradient = sampling.gradient(space, x)
         slopes = np.empty_like(gradient)
         for entry in np.ndindex(3, 2):
@@ -287,12 +287,12 @@ def compute_charge_scales(
     *,
     negligible: float = 1e-6,
 ) -> Array:
-    """Compute the positive charges by which charge errors are divided to relative errors.
+    """Compute the positive charges to which charge errors are relative.
 
     The scale of an output is its absolute charge, but at least the fraction `CANCELLATION_FRACTION`
-    of |d31 X| + |d32 Y|. An electrode on slack film, or under a rigid probe, has next to no charge,
-    for which a relative error has no meaning: a scale is at least the fraction `negligible` of the
-    charge that the film's mean stress would make.
+    of |d31 X| + |d32 Y|. An electrode on slack film, or under a rigid probe, has almost no charge,
+    for which a relative error has no meaning. Therefore a scale is also at least the fraction
+    `negligible` of the charge that the film's mean stress would cause.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def compute_charge_scales(
     space : Space
         The finite-element space.
     negligible : float, optional
-        Minimum scale, as a fraction of the charge that the mean stress would make.
+        Minimum scale, as a fraction of the charge that the mean stress would cause.
 
     Returns
     -------
@@ -358,11 +358,14 @@ def _combine_stress_integrals(integrals: Array, d: ArrayLike) -> Array:
     return np.asarray((integrals * np.asarray(d)).sum(axis=1))
 
 
-def _restrict_film(membrane: Membrane, sampling: Sampling, sector: SymmetrySector) -> Laminate:
-    """Return the film that gives the stress at the sampling points.
+def _select_film_for_samples(
+    membrane: Membrane, sampling: Sampling, sector: SymmetrySector
+) -> Laminate:
+    """Return the film whose law gives the stress at the sampling points.
 
-    This stress lacks the linear elastic stress of an uneven prestrain, which the caller adds. If
-    the prestrain is uniform or the law is linear, the film is the membrane itself.
+    A nonlinear law needs the uneven prestrain at these points; the linear elastic stress of this
+    prestrain is added by the caller. If the prestrain is uniform or the law is linear, the film is
+    the membrane itself.
     """
     if membrane.added is None or membrane.law.is_linear:
         return membrane

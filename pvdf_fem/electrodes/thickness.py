@@ -1,4 +1,4 @@
-"""The thickness direction: charges that the pressure of a probe adds by d33."""
+"""The thickness direction: charges that the pressure of a probe adds through d33."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pvdf_fem.problem.equilibrium import Equilibrium
 
 
 def compute_thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
-    """Compute the charges that loads on the film's face add by d33.
+    """Compute the charges that loads on the film's face add through d33.
 
     Parameters
     ----------

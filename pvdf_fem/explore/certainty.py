@@ -67,7 +67,7 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
     message = f"Standard deviations of the touch for readings with {100.0 * noise:g} % noise."
     if is_small:
         message += f" The ellipse is drawn {MAGNIFICATION} times as large."
-        ellipses = [_magnify(ellipse) for ellipse in ellipses]
+        ellipses = [_enlarge_ellipse(ellipse) for ellipse in ellipses]
     rows = []
     for key, value in values.items():
         rows.append((_format_key_name(scene, key), f"{value:.4g}", f"{deviations[key]:.2g}"))
@@ -78,7 +78,7 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
     }
 
 
-def _magnify(ellipse: Array) -> Array:
+def _enlarge_ellipse(ellipse: Array) -> Array:
     """Enlarge an ellipse by `MAGNIFICATION` about its centre.
 
     The last of its points must repeat the first one, since the centre is the mean of the others.
@@ -118,14 +118,16 @@ def _estimate_covariance(solution: Solution, values: dict[str, float], noise: fl
     charges_pC = solution.charge_changes_pC if reads_changes else solution.charges_pC
     readings = np.array(list(charges_pC.values()))
     if not np.isfinite(readings).all():
-        raise ValueError("changes by the touch are not known; the warnings say why")
+        raise ValueError("changes due to the touch are not known; the warnings say why")
     noise_of_channels_pC = [
         1e12 * channel.noise * channel.capacitance / abs(channel.gain)
         for channel in make_channels(scene)
     ]
     deviations_pC = np.hypot(noise * readings, noise_of_channels_pC)
     if not deviations_pC.all():
-        raise ValueError("noise = 0: readings without noise are exact; give some noise")
+        raise ValueError(
+            "noise = 0: must be positive, since exact readings have no deviations; raise it"
+        )
     rates = gradients(solution, list(values))
     columns = [[rates[key][name] for name in charges_pC] for key in values]
     jacobian = np.array(columns).T / deviations_pC[:, None]
@@ -145,7 +147,7 @@ def _estimate_covariance(solution: Solution, values: dict[str, float], noise: fl
 
 
 def _format_key_name(scene: Scene, key: str) -> str:
-    """Format a scene key in words, after its table if this is one of a list of tables."""
+    """Format a scene key in words, with its table in front if this is one of a list."""
     table, _, name = key.rpartition(".")
     title = format_title(find_section(scene, table), name)
     return f"{table} {title}" if "[" in table else title

@@ -28,8 +28,8 @@ TOLERANCE = 1e-2  #: Tolerance of the charges, unless that of the scene is large
 MAX_SECONDS = 5.0  #: Maximum CPU time of a solve in seconds, unless the scene limits it.
 ORDER = 2  #: Order of the elements; at this tolerance, order 2 takes a fifth less time than 3.
 PIXELS = 160  #: Pixels along the film's diameter.
-#: The search for elements uses straight sides along the rim. For a point between side and rim, the
-#: element at this fraction of its distance from the centre is used.
+#: The search for elements uses straight sides along the rim. A point between such a side and the
+#: rim gets the element at this fraction of its distance from the centre.
 INWARD = 0.95
 
 

@@ -65,7 +65,7 @@ def serve(scene: Scene, file: Path, port: int, browser: bool) -> None:
 
 
 def describe_view(start: Scene, query: str, change: str) -> dict[str, Any]:
-    """Return the parts of a view that the page shows before the solve.
+    """Describe the parts of a view that the page shows before the solve.
 
     Parameters
     ----------

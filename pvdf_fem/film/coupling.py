@@ -62,21 +62,21 @@ class FloatingElectrode:
 
     @cached_property
     def coupling_matrix(self) -> Array:
-        """Matrix that maps X and Y of the stress by strain to X and Y of the stress by voltage.
+        """Matrix from the stress integrals due to strain to those due to the voltage.
 
-        X = ∫ S11 dA and Y = ∫ S22 dA are integrals over the electrode. Those by strain are changes
-        from the unloaded film, whose voltage is zero. The matrix has the shape (2, 2).
+        The stress integrals are X = ∫ S11 dA and Y = ∫ S22 dA over the electrode. Those due to
+        strain are changes from the unloaded film, whose voltage is zero. The shape is (2, 2).
         """
         factor = self.outline.area / self.film.thickness / self.capacitance
         return factor * np.outer(self.e[:2], [self.film.d31, self.film.d32])
 
     def with_voltage(self, integrals: Array) -> Array:
-        """Return the stress integrals X and Y with the stress by the electrode's own voltage.
+        """Add the stress due to the electrode's own voltage to the stress integrals X and Y.
 
         Parameters
         ----------
         integrals : ndarray, shape (2,)
-            X and Y of the stress by strain, including the prestress, in N.
+            X and Y of the stress due to strain, including the prestress, in N.
 
         Returns
         -------
@@ -87,7 +87,7 @@ class FloatingElectrode:
         return np.asarray(integrals + self.coupling_matrix @ (integrals - unloaded))
 
     def estimate_effect(self, scene: Scene, probe: LoadedProbe, own_fraction: float = 0.4) -> float:
-        """Estimate the relative change of the electrode's charge by its own voltage.
+        """Estimate the relative change of the electrode's charge due to its own voltage.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class Coupling(Term):
         self._weighted_e = space.weights[self.elements, :, None] * electrode.e
 
     def charge(self, strain: Array) -> float:
-        """Return the charge q in C of a strain.
+        """Return the charge q in C that a strain causes on the electrode.
 
         Parameters
         ----------
@@ -184,7 +184,7 @@ class Coupling(Term):
         return ElementStress(self.elements, field * self.electrode.e)
 
     def tangent_column(self, state: State) -> Array:
-        """Return the derivative of q divided by √(C + C_L), so that c cᵀ is a part of the tangent.
+        """Return the column c of the part c cᵀ of the tangent: dq/dx divided by √(C + C_L).
 
         Returns
         -------
@@ -204,7 +204,7 @@ class Coupling(Term):
         return column * (column @ x)
 
     def energy_along(self, state: State, x: Array) -> Array:
-        """Return the energy at the dofs plus s times `x`, as a polynomial in s.
+        """Return the energy as a polynomial in s along the line ``state.dofs + s * x``.
 
         Returns
         -------
@@ -219,7 +219,7 @@ class Coupling(Term):
 
 
 def find_floating_electrodes(scene: Scene) -> tuple[FloatingElectrode, ...]:
-    """Find the electrodes that are read by a voltage, not kept at zero by a charge amplifier."""
+    """Find the electrodes that are read as voltages, not held at zero by a charge amplifier."""
     readout = scene.readout or Readout()
     floating = []
     for electrode in scene.electrode_list:
@@ -248,7 +248,10 @@ def find_coupled_electrodes(scene: Scene) -> tuple[FloatingElectrode, ...]:
 
 
 def estimate_coupling_effect(scene: Scene) -> float:
-    """Estimate the largest relative change by coupling over all floating electrodes and probes."""
+    """Estimate the largest relative change of any charge due to coupling.
+
+    All pairs of a floating electrode and a loaded probe are considered.
+    """
     largest = 0.0
     for electrode in find_floating_electrodes(scene):
         for probe in scene.loaded_probes:
@@ -268,5 +271,5 @@ def describe_coupling(scene: Scene) -> Iterator[EffectNote]:
     text = f"coupling (film.coupling = {quote(scene.film.coupling)}): {size}; {reason}"
     is_included = bool(find_coupled_electrodes(scene))
     if not is_included:
-        text += "; to include it give film.coupling = true"
+        text += "; to include it, set film.coupling = true"
     yield EffectNote(is_included, text)

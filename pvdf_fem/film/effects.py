@@ -29,7 +29,7 @@ def describe_charge_effect(
     name: str,
     charges_pC: Charges,
 ) -> EffectNote:
-    """Return a note about an effect that adds charge, with the size on one electrode.
+    """Describe an effect that adds charge, by the size of that charge on one electrode.
 
     Parameters
     ----------
@@ -50,11 +50,11 @@ def describe_charge_effect(
     effect, key = about
     added_pC = per_unit * (typical if coefficient is None else coefficient)
     size = f"about {format_two_digits(added_pC)} pC on {name}"
-    charge = (charges_pC or {}).get(name)
+    charge = charges_pC.get(name) if charges_pC else None
     if charge:
         percent = format_two_digits(100.0 * abs(added_pC / charge))
         size += f", {percent} % of its charge"
     if coefficient is not None:
         return EffectNote(True, f"{effect} ({key} = {coefficient:g}): {size}")
-    text = f"{effect}: {size}, for a typical {key} = {typical:g}; to include it give {key}"
+    text = f"{effect}: {size}, for a typical {key} = {typical:g}; to include it, set {key}"
     return EffectNote(False, text)

@@ -21,7 +21,7 @@ class LowRankUpdate(LinearOperator):  # type: ignore[misc]
     """
 
     def __init__(self, sparse: sp.csc_matrix, columns: Array) -> None:
-        """Store `sparse` and `columns`, and copy the nonzero rows of `columns` for products."""
+
         super().__init__(sparse.dtype, sparse.shape)
         self.sparse = sparse
         self.columns = columns
@@ -32,7 +32,8 @@ class LowRankUpdate(LinearOperator):  # type: ignore[misc]
         if np.iscomplexobj(x):  # a product with complex x would make a complex copy of B
             return self._matmat(x.real) + 1j * self._matmat(x.imag)
         total = np.asarray(self.sparse @ x)
-        total[self._nonzero] += self._nonzero_rows @ (self._nonzero_rows.T @ x[self._nonzero])
+        coefficients = self._nonzero_rows.T @ x[self._nonzero]  # Bᵀ x
+        total[self._nonzero] += self._nonzero_rows @ coefficients
         return total
 
 

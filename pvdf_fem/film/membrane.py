@@ -125,7 +125,7 @@ class Membrane(Laminate, Term):
         flux = self._compute_piola(step, state.stress) + self._compute_piola(F, stress_rate)
         forces = self.space.integrate_flux(flux)
         if self.law.wrinkles:
-            forces += apply_matrix(self._damping(state), x[self.space.element_dofs])
+            forces += apply_matrix(self._compute_damping(state), x[self.space.element_dofs])
         return forces
 
     def diagonal(self, state: State) -> Array:
@@ -158,7 +158,7 @@ class Membrane(Laminate, Term):
         diagonal = np.matmul(squares.swapaxes(1, 2), factors.reshape(elements, 3 * points, 3))
         diagonal = diagonal.reshape(elements, -1)
         if self.law.wrinkles:
-            diagonal += np.einsum("eii->ei", self._damping(state))
+            diagonal += np.einsum("eii->ei", self._compute_damping(state))
         return diagonal
 
     def element_tangent(self, state: State) -> ElementMatrices:
@@ -194,10 +194,10 @@ class Membrane(Laminate, Term):
                 blocks[chunk, :, i, :, j] = products[:, :, k]
                 blocks[chunk, :, j, :, i] = products[:, :, k].swapaxes(1, 2)
         matrices = blocks.reshape(count, 3 * functions, 3 * functions)
-        return matrices + self._damping(state) if self.law.wrinkles else matrices
+        return matrices + self._compute_damping(state) if self.law.wrinkles else matrices
 
     def _multiply_tangents(self, state: State, stiffness: Array, chunk: slice) -> Array:
-        """Compute the blocks of displacement components of the tangents in a chunk of elements.
+        """Compute the tangents of a chunk of elements, a block for each pair of components.
 
         Parameters
         ----------
@@ -268,7 +268,7 @@ class Membrane(Laminate, Term):
         return weight * d11, weight * d12, weight * d21, weight * d22
 
     def energy_along(self, state: State, x: Array) -> Array:
-        """Return the stored energy at the dofs plus s times `x`, as a polynomial in s.
+        """Return the stored energy as a polynomial in s along the line ``state.dofs + s * x``.
 
         Parameters
         ----------
@@ -329,10 +329,10 @@ class Membrane(Laminate, Term):
 
     @cached_property
     def _laplace_matrices(self) -> Array:
-        """Element matrices of the integral of grad v : grad u, cached for `_damping`."""
+        """Element matrices of the integral of grad v : grad u, which do not depend on the state."""
         return self.space.laplace_matrices()
 
-    def _damping(self, state: State) -> Array:
+    def _compute_damping(self, state: State) -> Array:
         """Return the element tangents of the artificial tension.
 
         Returns
@@ -352,7 +352,7 @@ class Membrane(Laminate, Term):
         return self.film.thickness * max(average, min_strain * self.law.stiffness[0, 0])
 
     def with_predicted_stress(self, state: State, stress: Array, damping: float) -> State:
-        """Return a copy of a state for the tangent, with a predicted stress and artificial tension.
+        """Return a copy of a state from which a damped tangent with a predicted stress is computed.
 
         The copy's tangent stiffness dS/dE is that of `state`.
 
@@ -442,8 +442,9 @@ def compute_tensile_part(stress: Array) -> Array:
     -------
     ndarray, shape (..., 3)
     """
-    smallest, largest = (value[..., None] for value in compute_principal_values(stress))
-    # where both principal stresses are equal, the stress or zero is the result in any case
+    smaller, larger = compute_principal_values(stress)
+    smallest, largest = smaller[..., None], larger[..., None]
+    # if both are equal, the projector is multiplied by zero or not used; avoid dividing by zero
     difference = np.where(largest > smallest, largest - smallest, 1.0)
     projector = (stress - smallest * np.array([1.0, 1.0, 0.0])) / difference
     return np.where(smallest >= 0.0, stress, np.maximum(largest, 0.0) * projector)

@@ -33,7 +33,7 @@ from pvdf_fem.scene.scene_file import quote
 
 #: Stresses below this fraction of the largest stress are round-off.
 ROUND_OFF = 1e-9
-#: Minimum relative change of a charge by neglected bending that causes a warning.
+#: Minimum relative change of a charge due to neglected bending that causes a warning.
 CONSIDERABLE_CHANGE = 1e-2
 
 
@@ -57,7 +57,7 @@ TENSION_FIELD = Kinematics("tension field", wrinkles=True)
 
 @dataclass(frozen=True)
 class MeshPolicy:
-    """Numbers that the film's kinematics set for meshing, solving and estimating errors."""
+    """Settings of meshing, solving and estimating errors, which depend on the kinematics."""
 
     #: Minimum Jacobian in an element, as a fraction of the element's mean.
     min_jacobian_ratio: float = 0.14
@@ -167,7 +167,7 @@ class FilmModel:
     def make_bending_layers(
         self, terms: list[Term], expansion: sp.csr_matrix, state: State
     ) -> BendingLayers | None:
-        """Estimate the error in the film's bending layers, which may be narrower than elements.
+        """Make the object that estimates the error due to bending layers narrower than elements.
 
         Parameters
         ----------
@@ -191,7 +191,7 @@ class FilmModel:
         """Note that bending is included or neglected, with an estimate of its effect."""
         text = f"bending (film.bending = {quote(self.scene.film.bending)}): {self.bending_effect}"
         if not self.bends:
-            text += f"; to include it give {self._bending_advice}"
+            text += f"; to include it, use {self._bending_advice}"
         return EffectNote(self.bends, text)
 
     @property
@@ -205,11 +205,11 @@ class FilmModel:
             return ()
         percent = format_two_digits(100.0 * change)
         text = f"bending: neglected; it could change a charge by up to {percent} %"
-        return (f"{text}; give {self._bending_advice}",)
+        return (f"{text}; to include it, use {self._bending_advice}",)
 
     @property
     def _bending_advice(self) -> str:
-        """Advice which keys of the scene to change so that bending is included."""
+        """The keys of the scene to change so that bending is included."""
         if self.wrinkles:
             return 'film.compression = "refuse" with film.bending = "auto" or true'
         if self.scene.film.patches:
@@ -219,7 +219,7 @@ class FilmModel:
         return "film.bending = true"
 
     def find_compression(self, smallest: Array, largest: Array) -> Iterator[CompressedArea]:
-        """Yield the compressed part of the film, or the wrinkled and slack ones of a tension field.
+        """Yield the compressed part of a film, or the wrinkled and slack parts of a tension field.
 
         Parameters
         ----------
@@ -290,8 +290,9 @@ def resolve_film_model(scene: Scene) -> FilmModel:
 def _choose_kinematics(scene: Scene) -> Kinematics:
     """Choose between membrane, plate and tension field by the keys of the scene's film.
 
-    ``film.compression = "tension-field"`` comes first; with ``film.bending = "auto"`` a film under
-    a tip is a membrane, and another film is a plate if bending has an effect above the tolerance.
+    ``film.compression = "tension-field"`` takes precedence over ``film.bending``. With
+    ``film.bending = "auto"`` a film under a tip is a membrane; any other film is a plate if the
+    estimated effect of bending exceeds the tolerance.
     """
     film = scene.film
     if film.compression == "tension-field":

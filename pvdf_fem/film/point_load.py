@@ -43,7 +43,7 @@ def estimate_tension(film: Film, force: float, r: float) -> float:
 
 
 def estimate_tension_cube(film: Film, force: float, r: float, schwerin: float = 0.24) -> float:
-    """Estimate the cube of the tension of a film without pretension under a point load.
+    """Estimate the cube of the tension under a point load in a film without pretension.
 
     Parameters
     ----------

@@ -118,7 +118,7 @@ class Space:
         return np.stack([np.broadcast_to(s[0], shape) for s in self.basis.basis], axis=-1)
 
     def make_quadrature(self, elements: Indices, order: int) -> Quadrature:
-        """Make a quadrature in some elements with another degree than the space's own one.
+        """Make a quadrature of another degree in some elements.
 
         Parameters
         ----------
@@ -256,8 +256,8 @@ class Space:
         points : ndarray, shape (2, n)
             Positions in m.
         candidates : int
-            Number of elements, those with the nearest centroids, that are searched for a point. At
-            a point in none of them the shape functions of the nearest one are extrapolated.
+            Number of elements with the nearest centroids that are searched for each point. At a
+            point outside all of them, the shape functions of the nearest one are extrapolated.
 
         Returns
         -------

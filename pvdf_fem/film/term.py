@@ -77,7 +77,7 @@ class CombinedMotion(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """Constraints of a term on the dofs, which are eliminated and so add no equations."""
+    """Constraints of a term on the dofs. They are eliminated, so that they add no equations."""
 
     #: Dofs that stay zero, shape (n,).
     fixed_dofs: Indices = field(default_factory=NO_INDICES.copy)
@@ -127,9 +127,10 @@ class SolverHints:
         return self
 
     def complete_initial_guess(self, x: Array) -> Array:
-        """Return an initial guess near the dofs `x`, at which the term's forces nearly balance.
+        """Return a better initial guess near the dofs `x`.
 
-        A term may set its auxiliary dofs or reduce the deflection. Default: `x` itself.
+        A term may set its auxiliary dofs or reduce the deflection, so that its forces nearly
+        balance. Default: `x` itself.
         """
         return x
 
@@ -209,7 +210,7 @@ class Term(SolverHints, NonlocalTangent, ABC):
         """
         return None
 
-    # --- derived from the members above; a term may override them by faster or more exact methods
+    # --- derived from the members above; a term may override them with faster or more exact methods
 
     def element_action(self, state: State, x: Array) -> Array | None:
         """Multiply the element tangents by the dofs `x`.
@@ -253,7 +254,7 @@ class Term(SolverHints, NonlocalTangent, ABC):
         return self.space.sum_at_dofs(np.einsum("eii->ei", tangent.matrices), tangent.elements)
 
     def energy_along(self, state: State, x: Array) -> Array:
-        """Return the energy at the dofs plus s times `x`, as a polynomial in s.
+        """Return the energy as a polynomial in s along the line ``state.dofs + s * x``.
 
         Parameters
         ----------
@@ -317,7 +318,7 @@ class LoadTerm(Term):
     def through_thickness_forces(self, state: State, residual: Array) -> ElementForces | None:
         """Return the forces that press on the film's face, element by element.
 
-        They compress the film across its thickness, which causes a charge by d33.
+        They compress the film across its thickness, which causes a charge through d33.
 
         Parameters
         ----------

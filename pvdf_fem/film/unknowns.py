@@ -122,7 +122,7 @@ class Unknowns:
         return np.append(slots, 0.0)[self.of_dof]
 
     def fold(self, forces: Array) -> Array:
-        """Sum forces on dofs to forces on unknowns; forces on fixed dofs are left out.
+        """Sum forces on dofs into forces on unknowns, without those on fixed dofs.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ class Unknowns:
         return np.asarray(mean if self.unknowns_of_slots is None else self.unknowns_of_slots @ mean)
 
     def mark_deflections(self) -> Mask:
-        """Return a mask of the unknowns that are deflections, not in-plane displacements.
+        """Mark the unknowns that are deflections, as opposed to in-plane displacements.
 
         Returns
         -------
@@ -188,7 +188,7 @@ class Unknowns:
 
 
 class Assembly:
-    """Assembler of element matrices, and of matrices for dofs or deflections, for the unknowns.
+    """An object that assembles and reduces matrices to matrices of the unknowns.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ class Assembly:
         self._slots = np.where(slots == FIXED, unknowns.slot_count, slots).astype(np.int32)
 
     def matrix(self, element_matrices: Array) -> sp.csc_matrix:
-        """Assemble element matrices to a sparse matrix for the unknowns.
+        """Assemble element matrices into a sparse matrix of the unknowns.
 
         Parameters
         ----------

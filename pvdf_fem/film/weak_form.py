@@ -40,9 +40,9 @@ def make_residual_form(film: Film) -> LinearForm:
     """
 
     def form(v: Any, p: Any) -> Array:
-        F = _deformation_gradient(p.displacement)
-        S = _stress(F, film)
-        return film.thickness * _double_contraction(S, _compute_strain_variation(F, v.grad))
+        F = _compute_deformation_gradient(p.displacement)
+        S = _compute_stress(F, film)
+        return film.thickness * _contract(S, _compute_strain_variation(F, v.grad))
 
     return LinearForm(form)
 
@@ -54,17 +54,17 @@ def make_tangent_form(film: Film) -> BilinearForm:
     """
 
     def form(u: Any, v: Any, p: Any) -> Array:
-        F = _deformation_gradient(p.displacement)
-        S = _stress(F, film)
+        F = _compute_deformation_gradient(p.displacement)
+        S = _compute_stress(F, film)
         material_stress = _apply_stiffness(_compute_strain_variation(F, u.grad), film)
-        material = _double_contraction(material_stress, _compute_strain_variation(F, v.grad))
-        geometric = _double_contraction(S, np.einsum("ca...,cb...->ab...", v.grad, u.grad))
+        material = _contract(material_stress, _compute_strain_variation(F, v.grad))
+        geometric = _contract(S, np.einsum("ca...,cb...->ab...", v.grad, u.grad))
         return film.thickness * (material + geometric)
 
     return BilinearForm(form)
 
 
-def _deformation_gradient(displacement: Any) -> Array:
+def _compute_deformation_gradient(displacement: Any) -> Array:
     """Return F = [I; 0] + grad u, shape (3, 2, elements, points)."""
     return np.eye(3, 2)[:, :, None, None] + displacement.grad
 
@@ -75,7 +75,7 @@ def _compute_strain_variation(F: Array, gradient: Array) -> Array:
     return 0.5 * (product + product.swapaxes(0, 1))
 
 
-def _double_contraction(A: Array, B: Array) -> Array:
+def _contract(A: Array, B: Array) -> Array:
     """Return A : B, shape (elements, points)."""
     return np.einsum("ab...,ab...", A, B)
 
@@ -87,7 +87,7 @@ def _apply_stiffness(E: Array, film: Film) -> Array:
     return np.array([[s11, s12], [s12, s22]])
 
 
-def _stress(F: Array, film: Film) -> Array:
+def _compute_stress(F: Array, film: Film) -> Array:
     """Return S = C : (E + E0) in Pa, shape (2, 2, elements, points)."""
     identity = np.eye(2)[:, :, None, None]
     E = 0.5 * (np.einsum("ca...,cb...->ab...", F, F) - identity)

@@ -19,7 +19,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.inverse.normal_equations import compute_damped_steps, compute_normal_matrices
+from pvdf_fem.inverse.normal_equations import (
+    apply_one_sided_likelihood,
+    compute_damped_steps,
+    compute_normal_matrices,
+)
 from pvdf_fem.inverse.touch.location_problem import POSITION, LocationProblem, evaluate_on_stage
 from pvdf_fem.surrogate.charge_function import (
     ChargeFunction,
@@ -70,8 +74,8 @@ class NodeSelection(NamedTuple):
     nodes: Indices  #: Indices of the nodes; shape (rows, count).
     #: Steps of the logarithm of the force from the node to the best force; shape (rows, count).
     force_steps: Array
-    #: Chi-square at the best force, divided by the largest weight 1/σ² of the row and less a
-    #: constant of the row, so that it ranks nodes of one row alone; shape (rows, count).
+    #: Chi-square at the best force, divided by the largest weight 1/σ² of the row and minus a
+    #: constant of the row, so that it can only be compared within a row; shape (rows, count).
     chi_square: Array
 
 
@@ -169,8 +173,8 @@ class CoarseGrid:
         Returns
         -------
         NodeSelection
-            Nodes of the m rows, in no order. If fewer than `count` positions are eligible, others
-            fill up the selection, with infinite chi-square.
+            Nodes of the m rows, in arbitrary order. If fewer than `count` positions are eligible,
+            the selection is completed by others with infinite chi-square.
         """
         fit = self._fit_forces(problem, rows, rotation, log_forces)
         by_force = fit.chi_square.reshape(len(rows), -1, self.position_count)
@@ -219,9 +223,11 @@ class CoarseGrid:
         with the measured charges q and the weights w is a parabola with the minimum at
         t = Σ w D (q - Q) / Σ w D². The constant Σ w q² is left out.
         """
-        charges = problem.charges_pC[rows]
+        is_limit = problem.is_limit[rows]
+        charges = np.where(is_limit, 0.0, problem.charges_pC[rows])
         deviations = problem.deviations_pC[rows]
-        weights = np.square(deviations.min(axis=1, keepdims=True) / deviations)
+        unit = deviations.min(axis=1, keepdims=True)
+        weights = np.where(is_limit, 0.0, np.square(unit / deviations))
         factors = np.concatenate([weights, weights * charges], axis=1).astype(np.float32)
         chi_square = factors @ self.constant_terms[rotation]
         half_slopes = factors @ self.linear_terms[rotation]
@@ -241,7 +247,41 @@ class CoarseGrid:
         curvatures -= half_slopes
         curvatures *= steps
         chi_square += curvatures
+        for row in np.flatnonzero(problem.is_clipped[rows].any(axis=1)).tolist():
+            excess = self._compute_limit_excess(problem, int(rows[row]), rotation, steps[row])
+            chi_square[row] += np.square(unit[row]) * excess
         return _ForceFit(chi_square, steps)
+
+    def _compute_limit_excess(
+        self, problem: LocationProblem, row: int, rotation: int, steps: SinglePrecision
+    ) -> Array:
+        """Compute how far the charges of nodes violate the limits of one row of charges.
+
+        Parameters
+        ----------
+        problem : LocationProblem
+            Rows of measured charges, some of which are limits.
+        row : int
+            Index of the row.
+        rotation : int
+            Index of the rotation in the grid.
+        steps : ndarray, shape (nodes,)
+            Steps of the logarithm of the force from the nodes.
+
+        Returns
+        -------
+        ndarray, shape (nodes,)
+            Sum of the squared distances beyond the limits, in standard deviations.
+        """
+        electrodes = np.flatnonzero(problem.is_clipped[row])
+        assert problem.limit_sides is not None
+        charges = self.system[rotation][:, electrodes, 0]
+        charges = charges + steps[:, None] * self.system[rotation][:, electrodes, FORCE_DERIVATIVE]
+        distances = problem.limit_sides[row, electrodes] * (
+            charges - problem.charges_pC[row, electrodes]
+        )
+        whitened = np.minimum(distances, 0.0) / problem.deviations_pC[row, electrodes]
+        return np.asarray(np.square(whitened).sum(axis=1))
 
     def step_from_nodes(
         self, problem: LocationProblem, rotations: Indices, selection: NodeSelection
@@ -273,6 +313,9 @@ class CoarseGrid:
         charge_steps = selection.force_steps[..., None] * system[..., FORCE_DERIVATIVE]
         system[..., 0] += charge_steps - problem.charges_pC[:, None]
         system /= problem.deviations_pC[:, None, :, None]
+        if problem.limit_sides is not None:
+            sides = np.repeat(problem.limit_sides, nodes.shape[1], axis=0)
+            apply_one_sided_likelihood(system.reshape(-1, *system.shape[2:]), sides)
         free = np.flatnonzero(np.isin(DERIVATIVE_COLUMNS, problem.unknown))
         used_columns = np.array([0, *(1 + free)])
         normal = compute_normal_matrices(system.reshape(-1, *system.shape[2:]))

@@ -228,11 +228,11 @@ def run_levenberg_marquardt(
             is_hopeless = within_reach > min_chi_square + max_excess
             ends = is_last | is_hopeless | searches.mark_repeated(trial)
         if ends.any():
-            searches.finish(trial.select(ends), is_last[ends])
+            searches.take_last_steps(trial.select(ends), is_last[ends])
             trial = trial.select(~ends)
         if not trial.searches.size:
             break
-        active = searches.advance(trial)
+        active = searches.try_steps(trial)
         if not active.size:
             break
     return searches.result
@@ -277,7 +277,7 @@ class _Searches:
         self._longest_steps = problem.longest_steps
         self._merge_distances = problem.merge_distances
         self._coordinates = problem.project_onto_bounds(np.array(initial))
-        self._damping = np.full(len(initial), options.min_damping)
+        self._compute_damping_matrices = np.full(len(initial), options.min_damping)
         self._converged = np.zeros(len(initial), dtype=bool)
         self._system = problem.linearise(self._coordinates, rows)
         self._normal = compute_normal_matrices(self._system)
@@ -296,7 +296,9 @@ class _Searches:
 
     def propose_steps(self, active: Indices) -> _TrialSteps:
         """Compute the damped steps of active searches, shortened to the longest allowed step."""
-        steps = compute_damped_steps(self._normal[active], self._damping[active, None])
+        steps = compute_damped_steps(
+            self._normal[active], self._compute_damping_matrices[active, None]
+        )
         length = np.abs(steps.step / self._longest_steps).max(axis=1)
         unbounded = self._coordinates[active] + steps.step / np.maximum(length, 1.0)[:, None]
         return _TrialSteps(
@@ -309,7 +311,7 @@ class _Searches:
         )
 
     def mark_repeated(self, trial: _TrialSteps) -> Mask:
-        """Mark the steps that end close to that of a better search or to a minimum.
+        """Mark the steps whose ends are close to that of a better search's step, or to a minimum.
 
         A search is better if its chi-square is lower. The minima are the end points of the searches
         that have converged.
@@ -317,7 +319,7 @@ class _Searches:
         minima = self._coordinates[self._converged]
         return mark_repeated(trial.coordinates, trial.chi_square, self._merge_distances, minima)
 
-    def finish(self, trial: _TrialSteps, is_last: Mask) -> None:
+    def take_last_steps(self, trial: _TrialSteps, is_last: Mask) -> None:
         """Take the last step of some searches, without evaluating the residuals after it.
 
         Parameters
@@ -331,7 +333,7 @@ class _Searches:
         self._converged[trial.searches] = is_last
         self._chi_square[trial.searches] -= trial.predicted_decrease
 
-    def advance(self, trial: _TrialSteps) -> Indices:
+    def try_steps(self, trial: _TrialSteps) -> Indices:
         """Evaluate the residuals after proposed steps, and take those that do not raise chi-square.
 
         The damping of each search is adapted. A search at the bounds ends as converged if the step
@@ -353,11 +355,11 @@ class _Searches:
         system = self._problem.linearise(trial.coordinates, rows)
         normal = compute_normal_matrices(system)
         gain = trial.chi_square - normal[:, 0, 0]
-        damping = self._damping[searches]
+        damping = self._compute_damping_matrices[searches]
         lowered = np.maximum(options.damping_factor * damping, options.min_damping)
         raised = np.maximum(damping / options.damping_factor, options.first_damping)
         is_good = gain >= 0.5 * trial.predicted_decrease
-        self._damping[searches] = np.where(is_good, lowered, raised)
+        self._compute_damping_matrices[searches] = np.where(is_good, lowered, raised)
         is_better = gain >= 0.0
         moved = searches[is_better]
         self._coordinates[moved] = trial.coordinates[is_better]

@@ -8,11 +8,13 @@ rest. n problems are solved at once.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import log_ndtr
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, Indices
 
 
 def append_prior_rows(system: Array, residuals: Array, inverse_deviations: Array) -> Array:
@@ -70,6 +72,40 @@ def apply_robust_loss(system: Array, limits: Array) -> Array:
     remainder[:, 0, 0] = np.sqrt(finite_limits * np.log(excess))
     weighted = system / np.sqrt(excess)[:, None, None]
     return np.concatenate([weighted, remainder], axis=1).reshape(1, -1, system.shape[2])
+
+
+def apply_one_sided_likelihood(system: Array, sides: Indices) -> None:
+    """Replace the residuals of limits, in place, by those of a one-sided likelihood.
+
+    Parameters
+    ----------
+    system : ndarray, shape (n, residuals, 1 + k)
+        Augmented matrices [r J], with r the difference between model and measurement, divided by
+        its standard deviation.
+    sides : ndarray of int, shape (n, residuals) or (1, residuals)
+        1 where the true value is known to be above the measured one, -1 where it is known to be
+        below, and 0 where the measurement is a value, whose residual is not changed.
+
+    Notes
+    -----
+    With z = side · r, the probability of a reading beyond the limit is Φ(z) of the standard normal
+    distribution (the censored normal model: Tobin, Econometrica 26 (1958) 24-36). Residuals become
+    -side √(-2 ln Φ(z)), whose square is minus twice the logarithm of this probability. They vanish
+    far beyond the limit, and approach r far on the wrong side of it.
+    """
+    selected = np.nonzero(np.broadcast_to(sides, system.shape[:2]))
+    if not len(selected[0]):
+        return
+    side = np.broadcast_to(sides, system.shape[:2])[selected]
+    z = side * system[..., 0][selected]
+    log_probability = log_ndtr(z)
+    # Far beyond the limit the probability rounds to 1; the slope is then zero, not 0/0.
+    root = np.maximum(np.sqrt(-2.0 * log_probability), np.finfo(float).tiny)
+    log_density = -0.5 * (np.square(z) + math.log(2.0 * math.pi))
+    slope = np.exp(log_density - log_probability - np.log(root))
+    # A limit at infinity has an infinite residual, which is not to be multiplied by 0.
+    derivatives = slope[:, None] * system[selected][:, 1:]
+    system[selected] = np.column_stack([-side * root, derivatives])
 
 
 def compute_normal_matrices(system: Array) -> Array:

@@ -1,8 +1,8 @@
 """Posterior probability of touches: the likelihood integrated, not only its curvature.
 
 Where the derivative of the charges changes its sign, such as along the ring of electrodes, the
-likelihood is bent, or it has two maxima with a ridge between them. The covariance by the curvature
-at the most likely touch then says little about the errors, but the posterior distribution does: if
+likelihood is bent, or has two maxima with a ridge between them. Then the covariance from the
+curvature at the most likely touch says little about the errors. The posterior distribution does: if
 all positions, rotations and logarithms of the force within the response's domain are equally likely
 a priori, then regions with 68.3 % of the posterior probability contain 68.3 % of such touches,
 whatever the shape of the likelihood (Rubin, Ann. Statist. 12 (1984) 1151-1172).
@@ -61,7 +61,7 @@ class Posterior:
             Half-width of the interval of each quantity, whatever the values of the others, in the
             unit of the quantity.
         """
-        distances = np.abs(_subtract_periods(self.values - about, self.periods)).T
+        distances = np.abs(_wrap_differences(self.values - about, self.periods)).T
         half_widths = []
         for distance, order in zip(distances, np.argsort(distances, axis=1), strict=True):
             probability_within = np.cumsum(self.weights[order])
@@ -82,7 +82,7 @@ class Posterior:
             Second moments of the samples about the point, with rows and columns scaled so that the
             diagonal has the squares of `compute_half_widths`.
         """
-        differences = _subtract_periods(self.values - about, self.periods)
+        differences = _wrap_differences(self.values - about, self.periods)
         moments = (differences * self.weights[:, None]).T @ differences
         scale = self.compute_half_widths(about) / np.sqrt(np.diag(moments))
         return moments * np.outer(scale, scale)
@@ -138,12 +138,12 @@ def sample_posterior(
         Maxima of the likelihood, about which samples are drawn according to the covariances and
         weights of the touches.
     draws : int
-        Number of samples that are drawn, of which those outside of the response's domain and those
-        more than half a period of the rotation from their maximum are discarded.
+        Number of samples to draw. Those outside of the response's domain, and those more than half
+        a period of the rotation from their maximum, are discarded.
     freedom : float
         Degrees of freedom of the Student's t distributions of the mixture.
     widening : float
-        Width of the distributions as a multiple of the width by the curvature of the likelihood.
+        Width of the distributions divided by the width that the curvature of the likelihood gives.
     min_fraction : float
         Minimum fraction of the samples drawn about each maximum, before the fractions are scaled to
         a sum of 1.
@@ -166,14 +166,14 @@ def sample_posterior(
     drawn = maxima[component]  # a copy, to which the steps are added
     drawn[:, unknown] += steps
     # A step by more than half a period would count the same rotation twice.
-    is_within_period = (_subtract_periods(steps, periods) == steps).all(axis=1)
+    is_within_period = (_wrap_differences(steps, periods) == steps).all(axis=1)
     is_inside = (problem.project_onto_domain(drawn) == drawn).all(axis=1)
     is_used = is_within_period & is_inside
     if not is_used.any():  # for instance if the only maximum is beyond the domain
         is_used = is_within_period
     drawn = drawn[is_used]
     differences = drawn[:, unknown] - maxima[:, None, unknown]
-    density = mixture.compute_density(_subtract_periods(differences, periods))
+    density = mixture.compute_density(_wrap_differences(differences, periods))
     chi_square = np.square(problem.linearise(drawn)[:, :, 0]).sum(axis=1)
     log_weights = -0.5 * chi_square - np.log(density)
     weights = np.exp(log_weights - log_weights.max())
@@ -210,8 +210,8 @@ def _make_mixture(
     )
 
 
-def _subtract_periods(differences: Array, periods: Array) -> Array:
-    """Add whole periods to differences, so that they are between minus and plus half a period.
+def _wrap_differences(differences: Array, periods: Array) -> Array:
+    """Wrap differences of periodic quantities to between minus and plus half a period.
 
     Parameters
     ----------
@@ -256,7 +256,7 @@ def _draw_standard_samples(dimension: int, draws: int, freedom: float) -> _Stand
 def profile_chi_square(
     problem: LocationProblem, touch: Touch, positions_mm: Array, rotations: int = 6
 ) -> Array:
-    """Minimise chi-square at each of many positions, over all unknowns except for x and y.
+    """Minimise chi-square at each of many positions over all unknowns except x and y.
 
     Parameters
     ----------

@@ -99,8 +99,8 @@ def mesh_scene(
         Boundaries of the contact areas of tips, by the names of the probes' subdomains; they
         replace the outlines of these probes.
     check_element_count : callable
-        Called with the estimated number of elements before a mesh, except before the first one by a
-        `SizeField`; may raise an exception to prevent the mesh.
+        Called with the estimated number of elements before each mesh, except before a first mesh
+        with a `SizeField`; it may raise an exception to prevent the meshing.
 
     Returns
     -------

@@ -152,17 +152,24 @@ def _extract_triangles(grid: Any) -> tuple[Array, Indices]:
         nodes, or nodes off a plane of constant z.
     """
     types = sorted({block.type for block in grid.cells})
-    if "triangle6" not in types or {*types} - {"triangle6", "vertex", "line", "line3"}:
+    allowed_types = {"triangle6", "vertex", "line", "line3"}
+    if "triangle6" not in types or not allowed_types.issuperset(types):
         advice = "give only six-node triangles on the film (gmsh: Mesh.ElementOrder = 2)"
         raise MeshFileError(f"has cells of the types {', '.join(types) or 'none'}; {advice}")
     points = np.asarray(grid.points, dtype=float)
     triangles = grid.cells_dict["triangle6"]
     if not len(triangles) or triangles.min() < 0 or triangles.max() >= len(points):
-        raise MeshFileError("has no triangles, or triangles whose nodes are missing")
+        raise MeshFileError(
+            "has no triangles, or triangles whose nodes are missing; mesh the film again"
+        )
     used, numbers = np.unique(triangles, return_inverse=True)
     points = points[used]
     triangles = numbers.reshape(triangles.shape)
-    if not np.isfinite(points).all() or np.ptp(points[:, 2:]) > 1e-9 * np.abs(points).max():
+    is_flat = bool(np.isfinite(points).all())
+    if is_flat:
+        thickness = np.ptp(points[:, 2:])
+        is_flat = bool(thickness <= 1e-9 * np.abs(points).max())
+    if not is_flat:
         raise MeshFileError("has nodes outside of the plane of the film; give a flat film")
     # MSH 2.2 files list an element once for each of its groups
     _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
@@ -252,7 +259,8 @@ def _require_shared_middles(triangles: Indices) -> None:
     sides = np.hstack([ends, middles])
     counts = {len(np.unique(nodes, axis=0)) for nodes in (ends, middles, sides)}
     if len(counts) > 1 or np.isin(middles, triangles[:, :3]).any():
-        raise MeshFileError("has triangles that do not share the midside node of a common side")
+        reason = "has neighbouring triangles without a common midside node"
+        raise MeshFileError(f"{reason}; merge duplicate nodes")
 
 
 def _require_disc(mesh: MeshTri2, radius: float, slack: float) -> None:
@@ -264,9 +272,11 @@ def _require_disc(mesh: MeshTri2, radius: float, slack: float) -> None:
     links = sp.coo_matrix((np.ones(len(left)), (left, right)), shape=(mesh.nelements,) * 2)
     pieces, _ = connected_components(links, directed=False)
     border = mesh.facets[:, mesh.boundary_facets()]
-    off_rim = np.abs(np.hypot(*mesh.p[:, border]) - radius).max(axis=0) > slack * radius
-    if pieces > 1 or off_rim.any():
-        sides = f"{off_rim.sum()} sides inside the film with only one triangle"
+    x, y = mesh.p[:, border]
+    rim_distances = np.abs(np.hypot(x, y) - radius).max(axis=0)
+    is_off_rim = rim_distances > slack * radius
+    if pieces > 1 or is_off_rim.any():
+        sides = f"{is_off_rim.sum()} sides inside the film with only one triangle"
         advice = "let the outlines share their nodes (gmsh: fragment)"
         raise MeshFileError(f"has {pieces} pieces, and {sides}; {advice}")
 
@@ -312,7 +322,7 @@ def _list_outline_errors(
 ) -> Iterator[str]:
     """Yield an error message for each outline that the mesh does not follow.
 
-    The elements inside of an outline must have its area, centroid and boundary.
+    A mesh follows an outline if the elements inside it have its area, centroid and boundary.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ def find_nearest_elements(
 ) -> tuple[Indices, Array]:
     """Find the elements that would contain points if all sides were straight.
 
-    Points that no element contains get the element that comes closest to it.
+    A point that no element contains gets the element that comes closest to containing it.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def find_nearest_elements(
     points : ndarray, shape (2, n)
         Points in m.
     candidates : int
-        Number of elements, those with the nearest centroids, that are searched for each point.
+        Number of elements with the nearest centroids that are searched for each point.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def find_nearest_elements(
 
 
 def locate_points(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indices, Array]:
-    """Find the elements that contain points, with regard to curved sides.
+    """Find the elements that contain points, taking curved sides into account.
 
     Parameters
     ----------
@@ -75,8 +75,8 @@ def locate_points(mesh: MeshTri2, points: Array, steps: int = 50) -> tuple[Indic
 
     Notes
     -----
-    The search starts from the element that would contain the point if sides were straight, and
-    steps to the neighbour across the side beyond which the point lies, until the point is inside.
+    The search starts in the element that would contain the point if sides were straight. While the
+    point lies beyond a side of the element, the search goes on in the neighbour across that side.
     """
     opposite_facets = mesh.t2f[[1, 2, 0]]  # the facets opposite to the three vertices
     first, second = mesh.f2t[:, opposite_facets]

@@ -98,7 +98,7 @@ def find_curved_elements(nodes: Array, bent: float = 1e-9) -> Mask:
 
 
 def compute_jacobian_ratios(mesh: MeshTri2) -> Array:
-    """Compute the minimum over the mean of the Jacobian determinant in every element.
+    """Compute the minimum Jacobian determinant divided by the mean one, in every element.
 
     Both are taken over quadrature points. The ratio is 1 for straight sides; it is not positive for
     an element that is folded at one of the points.

@@ -91,14 +91,14 @@ class SizeField:
 
     @classmethod
     def from_element_sizes(cls, mesh: MeshTri2, sizes: Array, growth: float = 0.5) -> SizeField:
-        """Make a field from a wanted size for each element of a mesh.
+        """Make a field from the desired size in the region of each element of a mesh.
 
         Parameters
         ----------
         mesh : MeshTri2
             With coordinates in m.
         sizes : ndarray, shape (elements,)
-            Wanted size in the region of each element in m, not its present size.
+            Desired sizes in m, as opposed to the present sizes of the elements.
         growth : float
             Maximum increase of the size per unit of length along the sides of the mesh; sizes that
             exceed it are reduced.
@@ -188,7 +188,7 @@ def compute_refined_sizes(
     min_factor: float = 0.05,
     max_factor: float = 2.0,
 ) -> SizeField:
-    """Compute the element sizes that reduce an error to a fraction of it with fewest elements.
+    """Compute the element sizes that reduce an error as requested with the fewest elements.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ def collect_outlines(scene: Scene) -> dict[str, Outline]:
 
 
 def add_reflected_sizes(sizes: GradedSizes, sector: SymmetrySector) -> GradedSizes:
-    """Return a copy of the sizes with those of a sector's reflected electrodes.
+    """Return a copy of the sizes that also has sizes for a sector's reflected electrodes.
 
     A reflected electrode gets the size of its original, or none if the original has none.
     """

@@ -289,7 +289,7 @@ def _match_patches(matrix: Array, scene: Scene, slack: float) -> dict[str, str] 
 
 
 def _remove_tangential_force(probe: LoadedProbe) -> Load:
-    """Return a copy of a probe's load without tangential force, which is compared on its own."""
+    """Return a copy of a probe's load without tangential force, which is compared separately."""
     return probe.load.model_copy(update={"tangential_N": None})
 
 
@@ -345,9 +345,8 @@ class _MirrorLine(NamedTuple):
     """The mirror line of a reflection, in rotated axes one of which is along the line."""
 
     frame: Array  #: Rotation matrix from the scene's axes to the rotated axes, shape (2, 2).
-    axis: (
-        int  #: Index of the rotated coordinate across the line, whose sign the reflection changes.
-    )
+    #: Index of the rotated coordinate across the line, whose sign the reflection changes.
+    axis: int
 
 
 def _align_with_axis(reflection: Array) -> _MirrorLine:

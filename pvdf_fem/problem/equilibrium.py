@@ -159,7 +159,7 @@ class Equilibrium:
         return self.unknowns.restrict(x)
 
     def complete_initial_guess(self, x: Array) -> Array:
-        """Return unknowns near the dofs `x`, which every term has improved as an initial guess."""
+        """Return unknowns near the dofs `x`, after every term has improved this initial guess."""
         for term in self.terms:
             x = term.complete_initial_guess(x)
         return self.restrict(x)
@@ -167,7 +167,7 @@ class Equilibrium:
     def state(self, q: Array) -> State:
         """Compute deformation gradient, strain and stress at unknowns `q`.
 
-        The stress includes that by the voltages of floating electrodes, unless the film wrinkles.
+        The stress includes that due to voltages of floating electrodes, unless the film wrinkles.
         """
         state = self.membrane.state(self.dofs(q))
         if not self.problem.floating_electrodes or self.model.wrinkles:
@@ -261,7 +261,7 @@ class Equilibrium:
             Forces in N.
         """
         x = self.unknowns.expand(step)
-        return _add_given_arrays(term.element_action(state, x) for term in self.terms)
+        return _sum_arrays(term.element_action(state, x) for term in self.terms)
 
     def action(self, state: State, step: Array) -> Array:
         """Multiply the tangent by a step of the unknowns in m; return forces in N.
@@ -273,7 +273,7 @@ class Equilibrium:
         ndarray, shape (unknowns,)
         """
         x = self.unknowns.expand(step)
-        return self.unknowns.fold(_add_given_arrays(term.action(state, x) for term in self.terms))
+        return self.unknowns.fold(_sum_arrays(term.action(state, x) for term in self.terms))
 
     def diagonal(self, state: State) -> Array:
         """Return an approximate diagonal of the tangent in N/m, to scale the unknowns.
@@ -285,7 +285,7 @@ class Equilibrium:
         -------
         ndarray, shape (unknowns,)
         """
-        diagonal = _add_given_arrays(term.diagonal(state) for term in self.terms)
+        diagonal = _sum_arrays(term.diagonal(state) for term in self.terms)
         return self.unknowns.fold_diagonal(diagonal)
 
     def energy_along(self, state: State, step: Array, slope: float) -> Array:
@@ -310,13 +310,13 @@ class Equilibrium:
             Coefficients of 1, s, ..., s^4 in J, where s is the fraction of the step.
         """
         x = self.unknowns.expand(step)
-        energy = _add_given_arrays(term.energy_along(state, x) for term in self.terms)
+        energy = _sum_arrays(term.energy_along(state, x) for term in self.terms)
         energy[1] = slope
         return energy
 
     @cached_property
     def flat_forces(self) -> Array:
-        """Minus the residual of the flat film in N, shape (unknowns,): the forces that move it."""
+        """Forces in N that move the flat film: its negative residual, shape (unknowns,)."""
         return -self.residual(self._flat_state)
 
     @cached_property
@@ -326,7 +326,7 @@ class Equilibrium:
 
     @cached_property
     def _forces_of_nonuniform_stress(self) -> Array:
-        """The part of `flat_forces` that is not by loads, but by a nonuniform stress, in N."""
+        """The part of `flat_forces` that is due to a nonuniform stress, not to loads, in N."""
         return self.flat_forces - self.unknowns.fold(self.load_forces(self._flat_state))
 
     @property
@@ -384,7 +384,7 @@ class Equilibrium:
         return self._sum_reflections(self.load_forces(state))
 
     def imbalance(self, state: State) -> float:
-        """Return the absolute sum of rim reaction and applied force, along the latter, in N.
+        """Return by how much rim reaction and applied force fail to cancel along the latter, in N.
 
         It is 0 without an applied force.
         """
@@ -409,8 +409,8 @@ class Equilibrium:
         return np.append(total[:2] @ self.sector.frame, total[2])
 
 
-def _add_given_arrays(arrays: Iterable[Array | None]) -> Array:
-    """Add the arrays that are not None; at least one must not be."""
+def _sum_arrays(arrays: Iterable[Array | None]) -> Array:
+    """Sum the arrays that are not None, of which there must be at least one."""
     existing = [array for array in arrays if array is not None]
     total = existing[0]
     for array in existing[1:]:

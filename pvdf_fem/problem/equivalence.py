@@ -56,7 +56,7 @@ def compute_mechanical_key(problem: Problem) -> MechanicalKey:
     Raises
     ------
     SceneError
-        For a scene with charges by other effects, such as heat.
+        For a scene with charges from other effects, such as heat.
     """
     scene = problem.scene
     scene.require_plain_charges("a sweep", "coupling")

@@ -40,8 +40,9 @@ class Output:
     def charge_coefficients(self) -> Array:
         """Derivatives of the charge with respect to X and Y in C/N, shape (2,).
 
-        X and Y are here the stress integrals by strain alone, without the stress by the electrode's
-        own voltage. If this voltage acts on the film, the derivatives differ from d31 and d32.
+        X and Y are here the stress integrals due to strain alone, without the stress due to the
+        electrode's own voltage. If this voltage acts on the film, the derivatives differ from d31
+        and d32.
         """
         d = np.array(self.d)
         if self.floating is None:
@@ -59,13 +60,13 @@ class Output:
 
     @cached_property
     def directions(self) -> Array:
-        """Weights of S11, S22, S12 in the mesh's axes in the scene's S11 and S22, shape (2, 3)."""
+        """Matrix from S11, S22, S12 in the mesh's axes to the scene's S11, S22, shape (2, 3)."""
         along_x, along_y = self.frame
         weights = [along_x * along_x, along_y * along_y, 2.0 * along_x * along_y]
         return np.stack(weights, axis=-1)
 
     @property
-    def has_edges(self) -> bool:
+    def is_aligned_rectangle(self) -> bool:
         """Whether the electrode is a rectangle with sides along the axes of its scene."""
         edges = self.outline.corners - np.roll(self.outline.corners, 1, axis=0)
         is_along_axis = (edges == 0.0).any(axis=1)

@@ -141,12 +141,12 @@ class Problem(Result):
     def sector(self) -> SymmetrySector:
         """The symmetry sector that is solved in place of the whole film.
 
-        It is the whole film without symmetry, under a rigid tip, under a probe that tilts freely,
-        under a pressure in Python, with electrodes that act on the film, and if the film's model
-        does not use symmetry.
+        It is the whole film if there is no symmetry, or if symmetry is not used: under a rigid tip,
+        a probe that tilts freely or a pressure in Python, if electrodes act on the film, and for
+        film models that exclude it.
         """
-        leaning = any(load.load.tilt == "free" for load in self.scene.loaded_probes)
-        if self.scene.tips or leaning or self.pressure is not None:
+        may_tilt = any(load.load.tilt == "free" for load in self.scene.loaded_probes)
+        if self.scene.tips or may_tilt or self.pressure is not None:
             return WHOLE_FILM
         if not (self.film.capabilities.uses_symmetry and self.has_passive_electrodes):
             return WHOLE_FILM
@@ -213,7 +213,7 @@ class Problem(Result):
         Parameters
         ----------
         charges_pC : mapping, optional
-            Charge in pC by name of electrode. If given, added charges are compared to it.
+            Charge in pC by name of electrode, with which added charges are compared.
 
         Returns
         -------
@@ -294,7 +294,7 @@ class Problem(Result):
         return f"{fraction} of the film: {lines} mirror line{'s' if lines > 1 else ''}"
 
     def _describe_loads(self) -> str:
-        """Say the shape, position, kind and size of each load; ``none`` without a load."""
+        """Name the shape, position, kind and size of each load; ``none`` without a load."""
         texts = []
         for load in self.loads:
             table = load.load

@@ -1,4 +1,4 @@
-"""The thickness direction: the size of the charges that a probe's pressure adds by d33.
+"""The thickness direction: the size of the charges that a probe's pressure adds through d33.
 
 Under a pressure p on one face the stress across the film varies from -p to zero, with the mean
 -p/2. The charge of an electrode increases by -d33/2 times the force that presses on it. The effect
@@ -32,7 +32,7 @@ def describe_thickness_effect(
     floating_electrodes: Sequence[FloatingElectrode],
     charges_pC: Charges = None,
 ) -> Iterator[EffectNote]:
-    """Yield notes on the charge that pressure on the film's face adds by d33.
+    """Yield notes on the charge that pressure on the film's face adds through d33.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def describe_thickness_effect(
     floating_electrodes : sequence of FloatingElectrode
         Electrodes whose voltages act on the film.
     charges_pC : mapping, optional
-        Charge in pC by name of electrode, to which the added charge is compared.
+        Charge in pC by name of electrode, with which the added charge is compared.
 
     Yields
     ------
@@ -84,7 +84,7 @@ def _estimate_forces_on_electrodes(
     """Estimate the force of a probe on every electrode.
 
     A fraction of the force, which depends on the kind of load, is distributed along the edge of the
-    pressed area. The rest is distributed over the area, as the load's profile says.
+    pressed area. The rest is distributed over the area according to the load's profile.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""Readings of instruments: tables and recordings, whatever program has written them."""
+"""Readings of instruments: tables and recordings written by any program."""

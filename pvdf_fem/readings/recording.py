@@ -1,12 +1,23 @@
-"""Recordings: sampled channels of a logger's file."""
+"""Recordings: sampled channels of a logger's file, which are read in blocks."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from datetime import datetime
+from typing import NamedTuple
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.readings.columns import Column
+
+
+class SampleBlock(NamedTuple):
+    """Consecutive samples of all channels of a recording."""
+
+    times_s: Array  #: Shape (samples,), in s; NaN if they are not known.
+    #: Shape (samples, channels), each channel in its unit. NaN is a missing sample; ∞ and -∞ are
+    #: samples that the instrument has marked as above or below its range.
+    values: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,26 +29,25 @@ class Recording:
     name : str
         Name of the file, for messages.
     columns : tuple of Column
-        The channels with their units. The times are not among them.
-    values : ndarray, shape (samples, channels)
-        The samples of each channel in its unit. NaN is a missing sample; ∞ and -∞ are samples that
-        the instrument has marked as above or below its range.
-    times_s : ndarray, shape (samples,), optional
-        Times of the samples, in s from `start` if that is known. None if the file has neither
-        times nor a rate.
+        The channels with their units: the name is that of an electrode, and the heading the address
+        of the channel in the file.
+    blocks : iterator of SampleBlock
+        The samples, which are read from the file while it is open. It can be used once.
+    has_times : bool
+        Whether the times of the samples are known.
     start : datetime, optional
-        The time at which `times_s` is 0, if the file has it.
+        The time at which `times_s` is 0, if the file has it before its samples.
     rate_Hz : float, optional
         The nominal sampling rate, if the file has it.
-    notes : tuple of str
+    notes : list of str
         Sentences about anything in the file that its user should know, such as a last block that
-        is incomplete.
+        is incomplete. Reading the blocks may append to it.
     """
 
     name: str
     columns: tuple[Column, ...]
-    values: Array
-    times_s: Array | None = None
+    blocks: Iterator[SampleBlock]
+    has_times: bool = True
     start: datetime | None = None
     rate_Hz: float | None = None
-    notes: tuple[str, ...] = ()
+    notes: list[str] = field(default_factory=list)

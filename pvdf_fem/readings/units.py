@@ -106,13 +106,16 @@ _SPELLINGS = {
 }
 
 
-def parse_unit(text: str) -> Unit | None:
+def parse_unit(text: str, ignore_case: bool = False) -> Unit | None:
     """Return the unit with a symbol or name, or None if it is not known.
 
     Parameters
     ----------
     text : str
         Such as ``pC``, ``[mV]``, ``(µs)``, ``us`` or ``degrees``. Brackets are ignored.
+    ignore_case : bool
+        Whether a symbol may have other upper and lower case if only one unit has its letters:
+        ``pc`` is ``pC``, but ``mpa`` may be ``mPa`` or ``MPa``.
     """
     symbol = text.strip().strip("[](){}<> ")
     symbol = symbol.replace("\u03bc", "µ")  # Greek mu to the micro sign
@@ -121,6 +124,9 @@ def parse_unit(text: str) -> Unit | None:
         return UNITS[symbol]
     if symbol.startswith("u"):
         return UNITS.get(f"µ{symbol[1:]}")
+    if ignore_case:
+        alike = [unit for unit in UNITS.values() if unit.symbol.lower() == symbol.lower()]
+        return alike[0] if len(alike) == 1 else None
     return None
 
 

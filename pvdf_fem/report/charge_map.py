@@ -205,7 +205,7 @@ class ChargeMap:
         return np.where(self.is_logarithmic, powers, values)
 
     def evaluate(self, touches: Array) -> tuple[Array, Array]:
-        """Return the charges of touches and their derivatives by central differences.
+        """Evaluate the charges of touches, and their derivatives by central differences.
 
         Parameters
         ----------
@@ -219,13 +219,13 @@ class ChargeMap:
         slopes : ndarray, shape (n, electrodes, 4)
             Derivatives with respect to x and y in pC/mm; zeros for rotation and force.
         """
-        places = touches[:, : TouchColumn.ROTATION]
+        positions = touches[:, : TouchColumn.ROTATION]
         step = RELATIVE_STEP * self.domain.reach_mm
         steps = step * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-        around = (places[:, None] + steps).reshape(-1, 2)
-        charges = self.interpolate(around).reshape(len(places), 4, -1)
+        around = (positions[:, None] + steps).reshape(-1, 2)
+        charges = self.interpolate(around).reshape(len(positions), 4, -1)
         slopes = (charges[:, ::2] - charges[:, 1::2]).swapaxes(1, 2) / (2.0 * step)
-        return self.interpolate(places), np.pad(slopes, ((0, 0), (0, 0), (0, 2)))
+        return self.interpolate(positions), np.pad(slopes, ((0, 0), (0, 0), (0, 2)))
 
 
 def _fit_spline(points_mm: Array, values: Array) -> RBFInterpolator:

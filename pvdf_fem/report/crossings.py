@@ -37,7 +37,7 @@ class Contours:
 
     map: ChargeMap
 
-    def trace(self, name: str, charge_pC: float) -> shapely.Geometry:
+    def trace_contour(self, name: str, charge_pC: float) -> shapely.Geometry:
         """Return the contour of positions at which an electrode has a certain charge.
 
         Parameters
@@ -73,7 +73,7 @@ class Contours:
         dict of tuple of str to ndarray, shape (3, 2)
             Intersections in mm for every three electrodes whose contours intersect pairwise.
         """
-        lines = {name: self.trace(name, charge) for name, charge in charges_pC.items()}
+        lines = {name: self.trace_contour(name, charge) for name, charge in charges_pC.items()}
         max_gap = MAX_GAP * self.map.domain.reach_mm
         crossings = {}
         for first, second in combinations(lines, 2):
@@ -90,8 +90,8 @@ class Contours:
 
         The position is NaN if no triple of electrodes has intersecting contours.
         """
-        places = [corners.mean(axis=0) for corners in self.find_triangles(charges_pC).values()]
-        return np.mean(places, axis=0) if places else np.full(2, np.nan)
+        positions = [corners.mean(axis=0) for corners in self.find_triangles(charges_pC).values()]
+        return np.mean(positions, axis=0) if positions else np.full(2, np.nan)
 
     @cached_property
     def _raster(self) -> tuple[Array, Array]:
@@ -101,8 +101,8 @@ class Contours:
         """
         reach = self.map.domain.reach_mm
         ticks = np.linspace(-reach, reach, RASTER)
-        places = np.stack(np.meshgrid(ticks, ticks), axis=-1)
-        charges = self.map.interpolate(places.reshape(-1, 2))
+        positions = np.stack(np.meshgrid(ticks, ticks), axis=-1)
+        charges = self.map.interpolate(positions.reshape(-1, 2))
         return ticks, charges.reshape(RASTER, RASTER, -1)
 
 
@@ -133,7 +133,7 @@ def _find_crossings(a: shapely.Geometry, b: shapely.Geometry, max_gap_mm: float)
 
 
 def _choose_corners(crossings: list[Array]) -> Array | None:
-    """Choose one intersection of each pair such that the longest side of the triangle is shortest.
+    """Choose one intersection of each pair so that the triangle's longest side is minimal.
 
     Parameters
     ----------

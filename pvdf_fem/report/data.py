@@ -7,7 +7,6 @@ that there is no reading.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,8 +18,9 @@ from pydantic import BeforeValidator, Field
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import make_channels
-from pvdf_fem.files import FileError, read_text
+from pvdf_fem.files import FileError
 from pvdf_fem.problem.problem import Problem
+from pvdf_fem.report.data_table import DataTableError, read_data_table
 from pvdf_fem.scene.changes import normalize_key, to_plain_value
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.scene import Scene
@@ -48,9 +48,9 @@ class DataSource(Section):
     the CSV file. Columns are keys of a scene (``x_mm``, ``force_N``, ``film.thickness_um``, ...),
     electrodes, or labels listed in `labels`. The column ``error_mm`` has position errors that the
     authors of the data report. `where` selects rows by the values in columns; `set` changes the
-    scene of every row. Readings are in `unit`, by default pC. `reading` is ``"total"`` or
-    ``"change"``; by default it is that of the scene's `[readout]`, or ``"total"`` without one.
-    `what` is the word for the readings on the page.
+    scene of every row. Readings are in `unit`, by default that in the file, or pC. `reading` is
+    ``"total"`` or ``"change"``; by default it is that of the scene's `[readout]`, or ``"total"``
+    without one. `what` is the word for the readings on the page.
     """
 
     file: str | None = None
@@ -194,7 +194,8 @@ def read_data(name: str, source: DataSource, scene: Scene, folder: Path) -> Read
         If the table is invalid. The exception lists all errors of the first failing check.
     """
     where = f"data.{name}"
-    frame = _select_rows(where, source, _read_dataframe(where, source, folder))
+    frame, source = _read_dataframe(where, source, scene, folder)
+    frame = _select_rows(where, source, frame)
     # the scene of a row may have other electrodes than the report's scene
     scenes = Readings(name, source, frame, names=()).make_scenes(scene)
     electrodes: dict[str, None] = {}
@@ -268,11 +269,15 @@ def _select_rows(where: str, source: DataSource, frame: pd.DataFrame) -> pd.Data
     for column, values in source.where.items():
         frame = frame[frame[column].isin(values if isinstance(values, list) else [values])]
     if frame.empty:
-        raise SceneError([f"{where}: has no row, or `where` keeps none; give others"])
+        raise SceneError(
+            [f"{where}: has no rows, or none that match `where`; add rows or change `where`"]
+        )
     return frame.dropna(axis="columns", how="all")
 
 
-def _read_dataframe(where: str, source: DataSource, folder: Path) -> pd.DataFrame:
+def _read_dataframe(
+    where: str, source: DataSource, scene: Scene, folder: Path
+) -> tuple[pd.DataFrame, DataSource]:
     """Read the rows of a table from its CSV file or from its text in the script.
 
     Parameters
@@ -281,8 +286,17 @@ def _read_dataframe(where: str, source: DataSource, folder: Path) -> pd.DataFram
         Key of the table in the script, for messages.
     source : DataSource
         Keys of the table in the script, with either `file` or `table`.
+    scene : Scene
+        The report's scene, with the electrodes whose columns may have units.
     folder : Path
-        Folder of the script, to which `source.file` is relative.
+        Folder of the script.
+
+    Returns
+    -------
+    frame : DataFrame
+        The rows.
+    source : DataSource
+        The same keys, with the unit of the readings in the file if it has one.
 
     Raises
     ------
@@ -292,43 +306,21 @@ def _read_dataframe(where: str, source: DataSource, folder: Path) -> pd.DataFram
     if (source.file is None) == (source.table is None):
         raise SceneError([f"{where}.file: give either `file`, a path, or `table`, the text"])
     try:
-        text = source.table or ""
-        if source.file is not None:
-            text = read_text(folder / source.file, MAX_BYTES, "a table")
-        return _parse_csv(text.strip())
-    except (FileError, ValueError) as error:
-        first_line = str(error).partition("\n")[0]
-        reason = f"is not a table ({first_line}); give a CSV file with a header"
+        frame, unit = read_data_table(
+            source.table or "" if source.file is None else folder / source.file,
+            MAX_BYTES,
+            electrodes=[electrode.name for electrode in scene.electrode_list],
+            quantities=[*SHORT_KEYS, ERROR_MM],
+            others=[*source.labels, *source.where],
+            unit=source.unit if "unit" in source.model_fields_set else None,
+        )
+    except DataTableError as error:
+        raise SceneError([f"{where}: {line}" for line in error.args[:MAX_ERRORS]]) from None
+    except FileError as error:
+        reason = f"is not a table ({error}); give a CSV file with a header"
         problem = format_error(f"{where}.file", source.file or "(table)", reason)
         raise SceneError([problem]) from None
-
-
-def _parse_csv(text: str) -> pd.DataFrame:
-    """Parse the rows of a CSV text.
-
-    Cells are separated by commas, or by semicolons with decimal points or decimal commas.
-
-    Raises
-    ------
-    ValueError
-        If a column occurs twice, or if the text cannot be parsed.
-    """
-    header = text.partition("\n")[0]
-    # spreadsheets in countries with decimal commas separate cells by semicolons
-    separator = ";" if ";" in header and "," not in header else ","
-    decimal = "," if separator == ";" and "," in text else "."
-    columns = [column.strip() for column in header.split(separator)]
-    repeated = {column for column in columns if columns.count(column) > 1}
-    if repeated:
-        raise ValueError(f"the column {min(repeated)!r} occurs twice")
-    return pd.read_csv(
-        io.StringIO(text),
-        sep=separator,
-        decimal=decimal,
-        skipinitialspace=True,
-        keep_default_na=False,  # a cell with the text nan is a mistake, not an empty cell
-        na_values=[""],
-    )
+    return frame, source if unit is None else source.model_copy(update={"unit": unit})
 
 
 def _convert_volts_to_pC(readings_V: Array, scene: Scene, names: Sequence[str]) -> Array:

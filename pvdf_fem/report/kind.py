@@ -281,7 +281,7 @@ class Kind(Section):
         return readings.select_preview_rows() if inputs.quick else readings
 
     def resolve_reading(self, inputs: Inputs) -> str:
-        """Return ``"total"`` if total charges are shown, ``"change"`` for changes by the touch.
+        """Return whether ``"total"`` charges are shown, or their ``"change"`` due to the touch.
 
         Without the key `reading` this agrees with the data. Without data it is ``"total"``.
         """
@@ -435,7 +435,7 @@ def make_scenes_at_positions(scene: Scene, positions_mm: Array) -> list[Scene]:
     """
     with prefix_errors("set"):
         if scene.single_probe is None:
-            reason = "must have exactly one probe to place; give one [probe], or probe.shape here"
+            reason = "must have exactly one probe to move; give one [probe], or probe.shape here"
             raise SceneError([f"scene: {reason}"])
     with prefix_errors("reach_mm"):
         scenes = []

@@ -144,13 +144,13 @@ def make_verdict(entries: Sequence[Entry]) -> str:
     If kinds that compare with readings (`COMPARISON_KINDS`) have claims, only these are used.
     """
     claims = []
-    judging_claims = []
+    comparing_claims = []
     for entry in entries:
         if entry.content is not None and entry.content.claim:
             claims.append(entry.content.claim)
             if getattr(entry.item.kind, "kind", "") in COMPARISON_KINDS:
-                judging_claims.append(entry.content.claim)
-    chosen = judging_claims if judging_claims else claims
+                comparing_claims.append(entry.content.claim)
+    chosen = comparing_claims if comparing_claims else claims
     if not chosen:
         return ""
     text = "; ".join(chosen[:MAX_CLAIMS])

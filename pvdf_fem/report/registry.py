@@ -32,7 +32,7 @@ TABLES: Mapping[str, type[Kind]] = {
 
 
 def load_kinds(path: Path) -> dict[str, type[Kind]]:
-    """Run a Python file and return the kinds that it defines.
+    """Run a Python file, and return the kinds of figures and tables that it defines.
 
     Parameters
     ----------

@@ -134,7 +134,7 @@ class Report:
         make_directory(out, PAGE, *self.plan.files)
         inputs, requirements = self.plan.collect_requirements(quick, full)
         work = _ReportBuilder(out, self.plan, inputs=inputs, requirements=requirements)
-        work.begin()
+        work.write_first_page()
         scenes: dict[Scene, None] = {}
         tasks: dict[str, Task] = {}
         for needed in requirements:
@@ -148,7 +148,7 @@ class Report:
                 if rows is None:
                     new_tasks[key] = task
                 else:
-                    work.add(key, rows)
+                    work.add_result(key, rows)
             plan = plan_scenes(scene_list, store)
             total = plan.missing + len(new_tasks)
 
@@ -158,10 +158,10 @@ class Report:
             for index, record in solve_planned(
                 plan, store, processes=processes, progress=show_scenes
             ):
-                work.add(scene_list[index], record)
+                work.add_result(scene_list[index], record)
             finished = run_tasks(new_tasks, store, processes)
             for count, (key, task_rows) in enumerate(finished, start=1):
-                work.add(key, task_rows)
+                work.add_result(key, task_rows)
                 show(plan.missing + count, total)
         return MadeReport(
             out / PAGE,
@@ -218,7 +218,7 @@ class _ReportBuilder:
             self.items[needed.item.name] = _PendingItem(needed, missing, Entry(needed.item))
         self.total = len(everything)
 
-    def begin(self) -> None:
+    def write_first_page(self) -> None:
         """Write the scene files and the page, and compose figures that need no computation."""
         for folder in ("data", "figures", "scenes"):
             (self.out / folder).mkdir(exist_ok=True)
@@ -232,7 +232,7 @@ class _ReportBuilder:
             if not pending.missing:
                 self._compose_item(pending)
 
-    def add(self, key: Scene | str, result: Record | Rows | WorkerDied) -> None:
+    def add_result(self, key: Scene | str, result: Record | Rows | WorkerDied) -> None:
         """Add a result, and compose the items whose results are now complete.
 
         Parameters

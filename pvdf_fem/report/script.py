@@ -152,10 +152,10 @@ class ReportPlan:
 
     def _order_items(self) -> list[Item]:
         """Return the items with previews, then the others, each in the order of the script."""
-        first = self.summary
-        return [item for item in self.items if item in first] + [
-            item for item in self.items if item not in first
-        ]
+        previewed = self.summary
+        first = [item for item in self.items if item in previewed]
+        others = [item for item in self.items if item not in previewed]
+        return [*first, *others]
 
 
 def load_script(path: Path, kinds: Kinds) -> ReportPlan:

@@ -142,7 +142,7 @@ def coerce(
 def _make_validator(kind: Any) -> TypeAdapter[Any]:
     """Return the cached validator of pydantic that converts values to a type.
 
-    It is cached because to make one takes longer than to locate a touch.
+    It is cached, because making one takes longer than locating a touch.
     """
     return TypeAdapter(kind)
 

@@ -226,7 +226,7 @@ def iterate_values(steps: Steps, value: Any) -> Iterator[tuple[Steps, Any]]:
     steps : tuple of str and int
         The parsed key of a table or a value; a table comes before its keys.
     value : object
-        `_TABLE` for a table that is split, and else the value in plain types.
+        `_TABLE` for a table that is split, otherwise the value in plain types.
     """
     if isinstance(value, Mapping) and not isinstance(value, Replaced):
         yield steps, _TABLE

@@ -105,8 +105,8 @@ class Film(Section):
     at zero, stiffens the film. auto: only where that could change a charge by more than
     numerics.tolerance."""
     compression: Literal["refuse", "tension-field"] = "refuse"
-    """refuse: compressive stress gives a warning. The estimated change of a charge by wrinkles is
-    part of the charge's error, and there is no result if it exceeds a tenth. tension-field: the
+    """refuse: compressive stress gives a warning. The estimated change of a charge due to wrinkles
+    is part of the charge's error, and there is no result if it exceeds a tenth. tension-field: the
     film wrinkles."""
     d33_pC_N: Annotated[float | None, replace(COEFFICIENT, affects=None, example=-15.0)] = None
     """Charge per stress across the thickness, negative for PVDF: the pressure of a probe generates
@@ -123,7 +123,7 @@ class Film(Section):
         float | None, Key("µC/(m² K)", (-1e5, 1e5), Affects.READING, example=-25.0)
     ] = None
     """Charge per area and kelvin of a film that is free to expand; the thermal stress of a clamped
-    film adds charge by d31 and d32. Neglected by default."""
+    film adds charge through d31 and d32. Neglected by default."""
     thermal_diffusivity_m2_s: Annotated[float, Key("m²/s", (1e-10, 0.01))] = 6e-8
     """Thermal diffusivity, for the heat of a probe with temperature_K."""
     patches: Annotated[tuple[Patch, ...] | None, Field(max_length=100)] = None

@@ -187,7 +187,7 @@ class Key:
         raise make_validation_error("; ".join(parts))
 
     def ask_likely_unit(self, value: float) -> str:
-        """Return a question whether an unusual value was meant in another unit.
+        """Ask whether an unusual value was meant in another unit.
 
         Parameters
         ----------

@@ -139,7 +139,7 @@ class Load(LoadOverrides):
     @field_validator("contact")
     @classmethod
     def _set_default_contact(cls, value: str | None, info: ValidationInfo) -> str | None:
-        """Return ``"sliding"`` for a flat punch without a contact, and else the value."""
+        """Return ``"sliding"`` for a flat punch without a contact, otherwise the value."""
         if value is None and info.data.get("kind") == "rigid":
             return "sliding"
         return value
@@ -157,7 +157,7 @@ class Load(LoadOverrides):
 
     @property
     def force(self) -> float:
-        """Force along z in N; of no meaning if the depth is given."""
+        """Force along z in N; meaningless if the depth is given."""
         return self.force_N
 
     @property
@@ -168,5 +168,5 @@ class Load(LoadOverrides):
 
     @property
     def profile_entry(self) -> ProfileEntry:
-        """The registry entry of the pressure profile: of its name, or of all profiles in files."""
+        """The registry entry of the pressure profile; all profiles in files have the same one."""
         return PROFILE_ENTRIES.get(self.profile, TABLE_ENTRY)

@@ -33,12 +33,28 @@ class ByName(dict[str, Value]):
 MIN_MAINS_HZ = 45.0
 MAX_MAINS_HZ = 65.0
 
+#: Keys of `Readout.channels` that name the channel of times.
+TIME_CHANNELS = ("t_s", "t_ms", "t_us", "t_ns")
+
 #: A value for all electrodes, or values by electrode; electrodes without one have the default.
 ByChannel = Annotated[
     Annotated[Value, Tag("<one>")]
     | Annotated[dict[str, Value], AfterValidator(ByName), Tag("<table>")],
     Discriminator(lambda value: "<table>" if isinstance(value, Mapping) else "<one>"),
 ]
+
+
+def _check_channel_names(channels: dict[str, str]) -> ByName[str]:
+    """Make names of channels hashable; refuse empty ones, and those of several electrodes."""
+    owners: dict[str, str] = {}
+    for name, address in channels.items():
+        if not address.strip():
+            raise make_validation_error(f"has no name for {name}; give such as Group/ai0")
+        if address in owners:
+            reason = f"has {address!r:.60} for {owners[address]} and {name}"
+            raise make_validation_error(f"{reason}; give a channel for each electrode")
+        owners[address] = name
+    return ByName(channels)
 
 
 def _reject_zero(value: float) -> float:
@@ -107,6 +123,9 @@ def _check_deviations(deviations: dict[str, Any]) -> ByName[Any]:
     return ByName(deviations)
 
 
+#: Names of channels in files of loggers, by electrode or by a key of `TIME_CHANNELS`.
+ChannelNames = Annotated[dict[str, str], AfterValidator(_check_channel_names)]
+
 #: Standard deviations by keys of the scene: numbers, or percentages like ``"5 %"``.
 Uncertain = Annotated[dict[str, Any], BeforeValidator(flatten), AfterValidator(_check_deviations)]
 
@@ -114,8 +133,9 @@ Uncertain = Annotated[dict[str, Any], BeforeValidator(flatten), AfterValidator(_
 class Readout(Section):
     """The amplifiers that read the electrodes.
 
-    All values except `reading`, `mains_Hz` and `settling_s` are either common to all electrodes or tables by electrode, such as
-    ``gain = { A = 1.02, B = 0.97 }``. Electrodes that are not in a table have the default.
+    All values except `reading`, `unit`, `channels`, `mains_Hz` and `settling_s` are either common
+    to all electrodes or tables by electrode, such as ``gain = { A = 1.02, B = 0.97 }``. Electrodes
+    that are not in a table have the default.
     """
 
     kind: ByChannel[Literal["charge", "voltage"]] = "charge"
@@ -153,6 +173,17 @@ class Readout(Section):
     ] = None
     """Range of the readings that the converter can output: r for -r to r, or a pair [low, high].
     Readings at or beyond its ends are clipped. By default there is no limit."""
+    full_scale_V: Annotated[
+        ByChannel[Annotated[float, AfterValidator(_reject_zero)]] | None,
+        Key("V", (-1e6, 1e6), example=1.0),
+    ] = None
+    """Reading that a sample of 1 in a sound file stands for: the voltage at which the converter is
+    full, negative for an inverting input. Sound files need it."""
+    channels: Annotated[ChannelNames | None, Key(example={"A": "Group/ai0", "B": "Group/ai1"})] = (
+        None
+    )
+    """Names of the electrodes' channels in files of loggers; by default those of the electrodes.
+    t_s, t_ms, t_us or t_ns is the channel of times, in that unit."""
     mains_Hz: Annotated[
         Annotated[float, Tag("<number>")] | Annotated[Literal["auto"], Tag("<word>")],
         Discriminator(lambda value: "<word>" if isinstance(value, str) else "<number>"),
@@ -166,6 +197,9 @@ class Readout(Section):
     reading: Literal["change", "total"] = "change"
     """change: readings measure the change of the charge relative to the unloaded film. total:
     readings measure the total charge."""
+    unit: Literal["V", "mV", "µV", "pC", "fC", "nC", "µC", "C"] = "V"
+    """Unit of the readings in files and streams that do not state it themselves. A reading in pC is
+    the one in V times the nominal capacitance in pF."""
 
     @model_serializer(mode="wrap")
     def _omit_defaults(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -218,7 +252,8 @@ class Readout(Section):
             table = getattr(self, key)
             names = list(table) if isinstance(table, ByName) else []
             for name in names:
-                if name not in electrodes:
+                is_time = key == "channels" and name in TIME_CHANNELS
+                if name not in electrodes and not is_time:
                     advice = suggest(name, electrodes)
                     reason = f"is for an electrode that the scene does not have; {advice}"
                     yield format_error(f"readout.{key}.{name}", table[name], reason)

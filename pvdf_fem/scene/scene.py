@@ -18,6 +18,8 @@ from pydantic_core import PydanticCustomError
 
 from pvdf_fem.scene.changes import Replaced, apply_changes
 from pvdf_fem.scene.film import Air, Film
+from pvdf_fem.scene.instrument.calibration import CalibratedParameters
+from pvdf_fem.scene.instrument.response_domain import ResponseDomain
 from pvdf_fem.scene.keys import Affects, Key, Section
 from pvdf_fem.scene.load import FORCE_KEYS, Load, LoadOverrides
 from pvdf_fem.scene.numerics import Numerics
@@ -25,7 +27,6 @@ from pvdf_fem.scene.placed.electrode import Electrode, Electrodes, Layout
 from pvdf_fem.scene.placed.loaded_probe import LoadedProbe
 from pvdf_fem.scene.placed.probe import Probe, Probes
 from pvdf_fem.scene.readout import Readout, Uncertain
-from pvdf_fem.scene.response_domain import ResponseDomain
 from pvdf_fem.scene.scene_file import (
     SceneError,
     flatten,
@@ -40,7 +41,7 @@ from pvdf_fem.scene.scene_file import (
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.scene.validation.errors import MAX_ERRORS, REASONS, describe_scene_errors
 from pvdf_fem.scene.validation.incompatible_keys import SceneTables, find_incompatible_keys
-from pvdf_fem.scene.validation.placement import find_placement_errors
+from pvdf_fem.scene.validation.placement import find_placement_errors, key_electrodes
 from pvdf_fem.scene.validation.unusual_values import find_unusual_values
 from pvdf_fem.summary import Result, Summary, TextTable
 
@@ -93,6 +94,8 @@ class Scene(Result, Section):
     """The air on both sides of the film, for vibrations."""
     model: Annotated[ResponseDomain | None, Key(affects=Affects.INSTRUMENT)] = None
     """The domain of the response (the charges as a function of the touch)."""
+    calibration: Annotated[CalibratedParameters | None, Key(affects=Affects.INSTRUMENT)] = None
+    """The uncertainty of calibrated values, which is in the deviations of located touches."""
     uncertain: Annotated[
         Uncertain | None,
         Key(affects=Affects.INSTRUMENT, example={"film.thickness_um": "5 %"}),
@@ -121,27 +124,22 @@ class Scene(Result, Section):
 
     def _find_combination_errors(self) -> Iterator[str]:
         """Yield messages on placement, incompatible keys and readouts of unknown electrodes."""
-        electrodes = self.electrodes
         observable = self.numerics.observable
         probes = self._probes
-        if isinstance(electrodes, tuple):
-            keyed_electrodes: Layout | dict[str, Electrode] = {
-                f"electrodes[{number}]": electrode for number, electrode in enumerate(electrodes)
-            }
-        else:
-            keyed_electrodes = electrodes
         yield from find_placement_errors(
             radius_mm=self.film.radius_mm,
-            electrodes=keyed_electrodes,
+            electrodes=key_electrodes(self.electrodes),
             probes=probes,
             load=self.load,
             observable=observable,
         )
         tables = SceneTables(self.film, observable, load=self.load, probes=probes)
         yield from find_incompatible_keys(tables)
+        names = [electrode.name for electrode in self.electrode_list]
         if self.readout is not None:
-            names = [electrode.name for electrode in self.electrode_list]
             yield from self.readout.find_channel_errors(names)
+        if self.calibration is not None:
+            yield from self.calibration.find_key_errors(self.film, names)
 
     @property
     def warnings(self) -> tuple[str, ...]:

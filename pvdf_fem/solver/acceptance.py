@@ -36,7 +36,7 @@ STRENGTH = 180e6
 SLOPE_LIMIT = 0.5
 #: A tip touches the clamped rim if its contact extends beyond this fraction of the film's radius.
 RIM_REACH = 0.99
-#: Maximum relative change of a charge by wrinkles at which a membrane in compression is accepted.
+#: Maximum relative change of a charge due to wrinkles for a membrane in compression to be accepted.
 MAX_WRINKLING_CHANGE = 0.1
 
 
@@ -182,8 +182,8 @@ def list_warnings(equilibrium: Equilibrium, state: State, change: float | None) 
     return warnings
 
 
-def warn_of_cancelled_charges(scene: Scene, integrals: StressIntegrals) -> list[str]:
-    """List warnings of charges whose parts d31 X and d32 Y cancel, so that errors are large.
+def list_cancellation_warnings(scene: Scene, integrals: StressIntegrals) -> list[str]:
+    """List a warning for each charge whose parts d31 X and d32 Y cancel and leave a large error.
 
     A warning is given if a charge is less than the fraction `CANCELLATION_FRACTION` of
     |d31 X| + |d32 Y|, and if its error exceeds the tolerance relative to the charge.

@@ -37,8 +37,8 @@ from pvdf_fem.solver.acceptance import (
     estimate_wrinkling_changes,
     find_rejection_status,
     is_tip_at_rim,
+    list_cancellation_warnings,
     list_warnings,
-    warn_of_cancelled_charges,
 )
 from pvdf_fem.solver.adaptive_loop import AdaptiveLoop, TooManyUnknownsError
 from pvdf_fem.solver.discrete_solution import DiscreteSolution
@@ -130,7 +130,7 @@ def solve_problem(
     unloaded = None
     if solution.status is Status.CONVERGED:
         integrals = solution.discrete.stress_integrals
-        warnings += warn_of_cancelled_charges(problem.scene, integrals)
+        warnings += list_cancellation_warnings(problem.scene, integrals)
         try:
             unloaded = solve_unloaded(problem, budget=budget)
         except UnloadedFilmError as error:
@@ -280,7 +280,7 @@ def _make_adaptive_loop(run: SolveRun, *, is_mesh_given: bool) -> AdaptiveLoop[M
 
 
 def _find_contact_outlines(problem: Problem, level: MeshLevel | None) -> dict[str, Outline]:
-    """Return the outlines of tip contacts by patch name: estimated, or measured on a level."""
+    """Measure the outlines of tip contacts on a level, by patch name; estimate them without one."""
     if level is None:
         return estimate_tip_outlines(problem.scene)
     outlines = {}
@@ -308,7 +308,7 @@ class WrinklingEffect:
 
 
 def _make_solution(level: MeshLevel, stop: Stop, history: Sequence[MeshRecord]) -> Solution:
-    """Make the solution from a level, with status, effects and warnings.
+    """Make the solution from the solve on one mesh, with status, effects and warnings.
 
     If wrinkles would change a charge by more than its error, the change replaces the error.
     """
@@ -343,9 +343,9 @@ def _make_solution(level: MeshLevel, stop: Stop, history: Sequence[MeshRecord]) 
 def _compute_charges_by_stress_pC(
     problem: Problem, integrals: StressIntegrals
 ) -> dict[str, float] | None:
-    """Return charges without heat and d33 in pC by electrode, or None if the numbers differ.
+    """Compute the charges due to d31 and d32 alone in pC, by electrode.
 
-    The numbers of outputs and electrodes differ if the outputs are not those of the scene.
+    Returns None if the outputs are not the electrodes of the scene, so that their numbers differ.
     """
     names = [electrode.name for electrode in problem.scene.electrode_list]
     if len(names) != len(integrals.values):
@@ -358,18 +358,20 @@ def _compute_charges_by_stress_pC(
 def _decide_status(
     level: MeshLevel, discrete: DiscreteSolution, *, stop: Stop, change: float | None
 ) -> Status:
-    """Decide the status from convergence, acceptance and, unless the mesh was given, errors.
+    """Decide the status of a solution from its convergence, acceptance and errors.
+
+    The errors are ignored if the mesh was given.
 
     Parameters
     ----------
     level : MeshLevel
         The level of the result.
     discrete : DiscreteSolution
-        The solution on it.
+        The discrete solution on this level.
     stop : Stop
         Reason why no further mesh was made.
     change : float or None
-        Largest relative change of a charge by wrinkles; None if it was not estimated.
+        Largest relative change of a charge due to wrinkles; None if it was not estimated.
     """
     scene = level.problem.scene
     status = level.result.status
@@ -391,9 +393,11 @@ def _decide_status(
 
 
 def _explain_status(level: MeshLevel, status: Status, *, stop: Stop, change: float | None) -> str:
-    """Return the advice for a status; where it applies, add the tolerance that can be reached.
+    """Return the advice for a status, with the numbers of this solve.
 
-    `change` is the relative change of the charges by wrinkles, which is added for a converged film.
+    If the tolerance is not reached, the advice includes the tolerance that can be reached. If the
+    solve has converged, but the relative `change` of a charge due to wrinkles exceeds the
+    tolerance, it includes this change.
     """
     tolerance = level.problem.scene.numerics.tolerance
     if status is Status.TOLERANCE:

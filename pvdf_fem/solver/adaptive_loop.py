@@ -186,7 +186,8 @@ class AdaptiveLoop(Generic[T]):
         Returns
         -------
         max_unknowns : float
-            The minimum of what the growth, ``budget.max_unknowns`` and the remaining work allow.
+            The smallest number that the growth, ``budget.max_unknowns`` and the remaining work
+            allow.
         limit : Stop
             `Stop.SECONDS` if the remaining work is the limit, otherwise `Stop.UNKNOWNS`.
         """

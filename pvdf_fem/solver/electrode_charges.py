@@ -87,12 +87,15 @@ class ElectrodeCharges(Result):
 
     @property
     def rest_charge_errors_pC(self) -> dict[str, float]:
-        """Estimated absolute error in pC of each of `rest_charges_pC`; NaN like these."""
+        """Estimated absolute error in pC of each of `rest_charges_pC`; NaN if the charge is NaN."""
         return self._map_electrodes_to_values(self._unloaded.charge_errors(self._coefficients_pC_N))
 
     @property
     def charge_changes_pC(self) -> dict[str, float]:
-        """Charge in pC that the load adds, by electrode, as a zeroed charge amplifier measures."""
+        """Charge in pC that the load adds, by electrode.
+
+        A charge amplifier that is zeroed before the load measures this charge.
+        """
         unloaded = self.rest_charges_pC
         return {name: charge - unloaded[name] for name, charge in self.charges_pC.items()}
 

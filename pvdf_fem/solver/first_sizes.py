@@ -102,9 +102,9 @@ def _choose_relative_sizes(scene: Scene, outlines: Mapping[str, Outline]) -> dic
 def _resolve_bending_layers(
     scene: Scene, sizes: GradedSizes, *, max_along_rim: int = 80, max_along_probe: int = 250
 ) -> GradedSizes:
-    """Return a copy of sizes, reduced in bending layers that affect the charges significantly.
+    """Reduce element sizes in bending layers that affect the charges significantly.
 
-    Layers are resolved along the rim and along rigid probes. Sizes elsewhere do not change.
+    Such layers are resolved along the rim and along rigid probes. Sizes elsewhere do not change.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def _resolve_bending_layers(
     Returns
     -------
     GradedSizes
-        Sizes in m.
+        A copy of the sizes, in m.
     """
     tolerance = scene.numerics.tolerance
     effect = estimate_bending_effect(scene)

@@ -40,7 +40,7 @@ class MeshRecord:
 
     def to_json(self) -> dict[str, Any]:
         """Return a dict for JSON, with a list of dicts of the failed attempts under ``tried``."""
-        row = {**vars(self)}
+        row = dict(vars(self))
         row.pop("failed_attempts")
         row["tried"] = [
             {"solver": solver, "status": status, "iterations": iterations}

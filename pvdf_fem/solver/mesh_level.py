@@ -181,7 +181,7 @@ def solve_on_mesh(
         equilibrium = Equilibrium(problem, mesh, run.order, sector=sector)
         result = _find_equilibrium_on_mesh(run, equilibrium, coarser)
         run.budget.spend(equilibrium, result.tangent_count)
-        values = _integrate(problem.outputs, equilibrium, result.q)
+        values = _evaluate_stress_integrals(problem.outputs, equilibrium, result.q)
     integrals = StressIntegrals(values, np.zeros_like(values))
     discrete = DiscreteSolution(equilibrium, result.q, integrals)
     level = MeshLevel(run, equilibrium, result=result, discrete=discrete)
@@ -191,8 +191,10 @@ def solve_on_mesh(
         return _estimate_errors(level)
 
 
-def _integrate(outputs: Sequence[Output], equilibrium: Equilibrium, q: Array) -> Array:
-    """Compute X and Y of outputs in N at the unknowns `q`, shape (outputs, 2)."""
+def _evaluate_stress_integrals(
+    outputs: Sequence[Output], equilibrium: Equilibrium, q: Array
+) -> Array:
+    """Compute the stress integrals X and Y in N at the unknowns `q`, shape (outputs, 2)."""
     x = equilibrium.dofs(q)
     return compute_stress_integrals(outputs, equilibrium.membrane, x, sector=equilibrium.sector)
 
@@ -235,18 +237,18 @@ def _estimate_errors(level: MeshLevel) -> MeshLevel:
 def _compute_error_contributions(
     level: MeshLevel, correction: Correction, factors: SuperLU
 ) -> dict[str, Array]:
-    """Compute the errors of X and Y by source, as `combine_error_contributions` takes them."""
+    """Estimate the errors of X and Y separately by source; see `combine_error_contributions`."""
     outputs = level.problem.outputs
     equilibrium = level.equilibrium
     values = level.discrete.stress_integrals.values
 
-    corrected = _integrate(outputs, correction.rich, correction.q)
+    corrected = _evaluate_stress_integrals(outputs, correction.rich, correction.q)
     contributions = {
         "order_enrichment": equilibrium.model.mesh_policy.saturation * (corrected - values)
     }
     if level.layers is not None:
         changed = level.result.q + level.layers.compute_change_of_unknowns(factors)
-        unresolved = _integrate(outputs, equilibrium, changed) - values
+        unresolved = _evaluate_stress_integrals(outputs, equilibrium, changed) - values
         contributions["bending_layers"] = np.abs(unresolved)
     if len(find_rigid_elements(equilibrium.terms)):
         _, by_element = compute_error_indicators(correction, factors, outputs)
@@ -368,7 +370,8 @@ def _find_equilibrium_on_mesh(
 def _solve_lower_orders(equilibrium: Equilibrium, budget: Budget) -> Array | Status | None:
     """Solve on all lower orders of the same mesh for an initial guess.
 
-    These solves are cheap, have soft tips (see ``term.relaxed``), and add their work to the budget.
+    In these solves tips are soft (see `Term.relaxed`). They are cheap; their work is added to the
+    budget.
 
     Returns
     -------

@@ -63,7 +63,7 @@ class Solution(ElectrodeCharges):
         Effects that the model neglects in this scene, with their estimated sizes, and effects that
         it includes in addition to those of a membrane.
     warnings : tuple of str
-        Warnings, such as of a solution beyond the limits of the model.
+        Warnings, for example about a solution beyond the limits of the model.
     seconds : dict
         Wall-clock time in s of ``mesh``, ``solve``, ``estimate`` and ``refine``, and ``total``.
     unloaded_integrals : StressIntegrals or None
@@ -208,7 +208,7 @@ class Solution(ElectrodeCharges):
         Returns
         -------
         PointValues
-            Values as from `at`.
+            Values like those of `at`.
         """
         discrete = self.discrete
         return evaluate_along(discrete.equilibrium, discrete.state, line_mm, points=points)
@@ -285,6 +285,7 @@ class Solution(ElectrodeCharges):
         return results
 
     def _headline(self) -> str:
+        """Return status, size and charges, or the reason for a failure, in one line."""
         outcome = self.reason
         if self.status is Status.CONVERGED:
             outcome = format_charges(self.charges_pC)
@@ -403,6 +404,6 @@ class Solution(ElectrodeCharges):
 
 
 def _discard_values_with_nan(values: dict[str, float]) -> dict[str, float] | None:
-    """Return values for JSON, which has no NaN: None instead of all if any value is NaN."""
+    """Return the values, or None if any of them is NaN, which JSON does not have."""
     is_unknown = any(math.isnan(value) for value in values.values())
     return None if is_unknown else values

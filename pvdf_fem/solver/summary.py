@@ -34,7 +34,7 @@ def summarize_solution(result: dict[str, Any], uncertainty: Result | None = None
 
 
 def _make_tables(result: dict[str, Any]) -> list[TextTable]:
-    """Return tables of charges, contacts, readings and meshes, each only if there are any."""
+    """Make the tables of charges, contacts, readings and meshes; empty ones are left out."""
     tables = []
     if result.get("charges_pC"):
         tables.append(_make_charge_table(result))
@@ -51,7 +51,7 @@ def _make_tables(result: dict[str, Any]) -> list[TextTable]:
 
 
 def _make_charge_table(result: dict[str, Any]) -> TextTable:
-    """Return the table of charges, with columns for the unloaded film if all these are known."""
+    """Make the table of charges, with columns for the unloaded film if it has a result."""
     heading = [f"charges ({result['observable']})", "total, pC", "± pC"]
     if result["rest_charges_pC"]:  # None if the unloaded film has no result
         heading += ["unloaded, pC", "± pC", "change by load, pC", "± pC"]
@@ -60,7 +60,7 @@ def _make_charge_table(result: dict[str, Any]) -> TextTable:
 
 
 def _format_charge(result: dict[str, Any], name: str) -> list[str]:
-    """Format the charges of an electrode to as many decimals as the total, each with its error."""
+    """Format the charges of an electrode with their errors, with the decimals of the total."""
     total, error = format_with_error(result["charges_pC"][name], result["charge_errors_pC"][name])
     cells = [total, error]
     if result["rest_charges_pC"]:
@@ -73,7 +73,7 @@ def _format_charge(result: dict[str, Any], name: str) -> list[str]:
 
 
 def _make_readings_table(result: dict[str, Any]) -> TextTable:
-    """Return the table of readings in V by channel, with the time constants of their decay."""
+    """Make the table of readings in V by channel, with the time constants of their decay."""
     readings = result["readings_V"]
     decays = []
     for time_constant in result["time_constants_s"].values():
@@ -88,7 +88,7 @@ def _make_readings_table(result: dict[str, Any]) -> TextTable:
 
 
 def _make_mesh_table(history: list[dict[str, Any]]) -> TextTable:
-    """Return the table of meshes, one row for each, in the order of the solves."""
+    """Make the table of meshes, with a row for each solve."""
     columns: dict[str, list[Any]] = {"mesh": list(range(1, len(history) + 1))}
     for key in ("elements", "unknowns", "iterations"):
         columns[key] = [mesh[key] for mesh in history]

@@ -310,7 +310,7 @@ def make_table(data: xarray.Dataset) -> pd.DataFrame:
     the scene.
     """
     dims = data.scene.dims
-    keys = [name for name, values in data.coords.items() if {*values.dims} <= {*dims}]
+    keys = [name for name, values in data.coords.items() if set(dims).issuperset(values.dims)]
     values = [name for name, values in data.items() if values.dims == dims and name != "scene"]
     selected = data[values] if dims else data[values].expand_dims("design")
     return selected.to_dataframe().reset_index()[[*keys, *values]]

@@ -78,11 +78,12 @@ class DesignStudy:
         return cls(grid, scenes, groups, dropped)
 
     def __str__(self) -> str:
+        """Return the numbers of designs and responses, and the readout keys that are reset."""
         lines = [
             f"{len(self.scenes):>8} designs",
             f"{len(self.groups):>8} responses, one for all films that deform in the same way",
         ]
-        reason = "has values by electrode; the designs have its default instead"
+        reason = "has a value for each electrode; its default is used for the designs"
         lines += [f"{key}: {reason}" for key in self.dropped]
         return "\n".join(lines)
 
@@ -111,7 +112,8 @@ class DesignStudy:
             limit = f"must be above 0 and at most the reach, {domain.reach_mm:g} mm"
             yield f"step_mm = {step_mm}: {limit}"
         if not sigma and not noise_pC:
-            yield f"sigma = {sigma}: readings have noise; give a positive value, or noise_pC"
+            reason = "must be positive, since readings have noise"
+            yield f"sigma = {sigma}: {reason}; give sigma or noise_pC"
         for scene in self.scenes:
             force_N = scene.load.force_N
             if not lowest_N <= force_N <= highest_N:

@@ -181,7 +181,7 @@ def _change_scene(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     changed = scene.with_(**changes)
     unused = changed.find_unused_load_keys(find_changed_keys(changes))
     if unused:
-        reason = "varies, but each probe has its own value; remove one of the two"
+        reason = "varies without effect, since each probe has its own value; remove one of the two"
         raise SceneError(f"{key}: {reason}" for key in unused)
     return changed
 

@@ -118,7 +118,7 @@ def parse_axes(
     if not tables:
         raise SceneError(["axes: is required; add a table [[axes]]"], source)
     if len(tables) > MAX_AXES:
-        reason = f"is the number of axes; at most {MAX_AXES} are allowed, put keys together"
+        reason = f"too many tables; give at most {MAX_AXES}, or several keys in one axis"
         raise SceneError([format_error("axes", len(tables), reason)], source)
     errors: list[str] = []
     axes = []
@@ -354,7 +354,7 @@ def _find_axis_conflicts(axes: Sequence[SweepAxis]) -> Iterator[str]:
             yield format_error(f"{where}.name", axis.name, reason)
     count = math.prod(len(axis) for axis in axes)
     if count > MAX_SCENES:
-        yield format_error("axes", count, f"is the number of scenes; {_TOO_MANY}")
+        yield format_error("axes", count, f"too many scenes; {_TOO_MANY}")
 
 
 def _find_overridden_keys(axes: Sequence[SweepAxis]) -> Iterator[str]:

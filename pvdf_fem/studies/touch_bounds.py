@@ -121,7 +121,9 @@ def compute_bounds(
     bounds = []
     for row, touch_row in zip(readings, touches, strict=True):
         by_electrode = dict(zip(exact.names, row, strict=True))
-        location = locate(exact, by_electrode, sigma, noise_pC=noise_pC)
+        location = locate(
+            exact, by_electrode, sigma, noise_pC=noise_pC, unit="pC", include_calibration=False
+        )
         bounds.append(_extract_bound(location, touch_row))
     return bounds
 

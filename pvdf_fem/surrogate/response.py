@@ -22,6 +22,11 @@ from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.summary import Result, Summary
 from pvdf_fem.surrogate.charge_function import UnloadedCharges, compute_unloaded_charges_pC
+from pvdf_fem.surrogate.charge_sensitivity import (
+    ChargeSensitivities,
+    fit_sensitivities,
+    list_film_keys,
+)
 from pvdf_fem.surrogate.charge_spline import evaluate_force_powers, tabulate_charges
 from pvdf_fem.surrogate.response_file import FileScene, read_response, write_response
 from pvdf_fem.surrogate.response_key import (
@@ -81,6 +86,8 @@ class Response(Result):
     #: Charges of the unloaded film and their errors in pC; None if they are not finite, without an
     #: unloaded equilibrium, or not computed.
     unloaded_charges_pC: UnloadedCharges | None = None
+    #: Derivatives of the charges with respect to uncertain parameters of the film.
+    sensitivities: ChargeSensitivities | None = None
 
     def summary(self) -> Summary:
         """Return a summary with the electrodes, the domain, the error bound and the notes."""
@@ -201,7 +208,7 @@ class Response(Result):
             spline = tabulate_charges(
                 self.stress_modes, scene, self.domain, axes=self.spline.axes, runner=runner
             )
-            response = replace(response, spline=spline)
+            response = replace(response, spline=spline, sensitivities=None)
             if not check:
                 return replace(response, validation=None, unloaded_charges_pC=None)
             if has_equal_electrodes(self.scene, scene):
@@ -253,6 +260,42 @@ class Response(Result):
             f" {nearest_miss_mm:.3g} mm"
         )
         return replace(response, notes=(note,))
+
+    def with_sensitivities(
+        self, processes: int | None = None, *, progress: Progress | bool | None = None
+    ) -> Response:
+        """Return a response with derivatives for the parameters in the scene's ``[calibration]``.
+
+        They are derivatives of the charges with respect to the film's parameters, by which
+        `locate` and the like include the errors of the calibration in standard deviations.
+
+        Parameters
+        ----------
+        processes : int, optional
+            Number of processes. Default: None, one for each core.
+        progress : callable or bool, optional
+            See `build_response`.
+
+        Returns
+        -------
+        Response
+            This response itself if it has all derivatives.
+
+        Raises
+        ------
+        ValueError
+            If charges have no derivative with respect to a key.
+        NotConvergedError
+            If too many of the solves do not converge.
+        """
+        keys = list_film_keys(self.scene)
+        has_keys = self.sensitivities is not None and set(keys) <= set(self.sensitivities.keys)
+        if not keys or has_keys:
+            return self
+        with show_progress("CPU seconds", progress) as show:
+            runner = TaskRunner(processes, show)
+            fitted = fit_sensitivities(self.scene, self.domain, keys, self.evaluate, runner)
+        return replace(self, sensitivities=fitted)
 
     def plot(
         self,

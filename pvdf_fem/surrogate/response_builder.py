@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -111,6 +112,10 @@ def build_response(
         response = _build_response_within_tolerance(
             scene, domain, tolerance, options, runner=runner
         )
+        # Without these derivatives the response is complete for everything but `locate`, which says
+        # so.
+        with suppress(ValueError):
+            response = response.with_sensitivities(processes, progress=show)
     if file is not None:
         response.save(file)
     return response

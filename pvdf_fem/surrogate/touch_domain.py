@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.response_domain import ResponseDomain
+from pvdf_fem.scene.instrument.response_domain import ResponseDomain
 from pvdf_fem.scene.scene import Scene
 
 #: Names of the quantities of a touch, in the order of its row.
@@ -56,6 +56,7 @@ class Domain:
         return has_forces and other.reach_mm <= self.reach_mm
 
     def __str__(self) -> str:
+        """Return the reach and the range of forces as a text."""
         low, high = self.force_N
         return f"{self.reach_mm:g} mm about the centre, {low:g} to {high:g} N"
 

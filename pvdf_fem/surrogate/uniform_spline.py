@@ -136,10 +136,10 @@ class UniformSpline:
             Values, then derivatives with respect to each coordinate.
         """
         if len(points) > at_once:
-            starts = range(0, len(points), at_once)
-            return np.concatenate(
-                [self.evaluate_with_gradient(points[i : i + at_once]) for i in starts]
-            )
+            chunks = []
+            for start in range(0, len(points), at_once):
+                chunks.append(self.evaluate_with_gradient(points[start : start + at_once]))
+            return np.concatenate(chunks)
         weights = self._compute_weights(points, self._polynomials)
         return np.matmul(weights.values, self._coefficient_matrix.take(weights.rows, axis=0))
 

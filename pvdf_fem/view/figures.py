@@ -71,7 +71,7 @@ class NotebookFigure(Figure):
 
 
 def make_figure(width_mm: float = 160.0, height_mm: float = 100.0) -> Figure:
-    """Make an empty figure of a width and a height, which does not belong to a window."""
+    """Make an empty figure of the given size that does not belong to a window."""
     mm_per_inch = 25.4
     return NotebookFigure(figsize=(width_mm / mm_per_inch, height_mm / mm_per_inch), dpi=DPI)
 
@@ -291,7 +291,7 @@ def draw_labelled_contours(
     min_size: float = 0.25,
     inner: float = 0.75,
 ) -> None:
-    """Draw lines of equal value, with one label for each level unless its line is short.
+    """Draw lines of equal value, and label each of them unless it is short.
 
     Parameters
     ----------

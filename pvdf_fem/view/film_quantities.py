@@ -108,7 +108,7 @@ def sample_field(
     """
     if film_map.values is None:
         fields = ", ".join(name for name, other in MAPS.items() if other.values)
-        raise ValueError(f"quantity: is not a field of the film; choose from {fields}")
+        raise ValueError(f"quantity: is not a field at points of the film; choose from {fields}")
     elements = film.mesh.nelements
     # each division multiplies the number of triangles by four
     divisions = max(1, int(np.log(max_triangles / elements) / np.log(4.0)))
@@ -126,7 +126,7 @@ def _triangulate_field(film: FilmData, film_map: FilmMap) -> tuple[Triangulation
 
 
 def _draw_filled_contours(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
-    """Draw a field by filled contours between about ten round levels.
+    """Draw a field as filled contours between about ten round levels.
 
     The levels cover the values and zero.
 

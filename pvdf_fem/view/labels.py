@@ -9,7 +9,7 @@ from typing import Any
 from pvdf_fem.scene.keys import split_unit
 
 #: Labels of axes with charges, by kind of the readings.
-READING_LABELS = {"total": "charge (pC)", "change": "change by the touch (pC)"}
+READING_LABELS = {"total": "charge (pC)", "change": "change due to the touch (pC)"}
 MAX_DIGITS = 5  #: Maximum number of significant digits, apart from digits left of the point.
 
 
@@ -61,8 +61,8 @@ def format_significant(value: float, error: float = 0.0) -> str:
     -------
     str
         The last digit is about a tenth of the error; a value that is smaller than its error has two
-        digits. There are at most `MAX_DIGITS` digits, but
-        digits left of the decimal point are always written.
+        digits. There are at most `MAX_DIGITS` digits, but digits left of the decimal point are
+        always written.
     """
     if not math.isfinite(value):
         return "–"

@@ -19,6 +19,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pvdf_fem.scene.changes import to_plain_value
 from pvdf_fem.scene.film import Air, Film
+from pvdf_fem.scene.instrument.calibration import CalibratedParameters
+from pvdf_fem.scene.instrument.response_domain import ResponseDomain
 from pvdf_fem.scene.keys import Key, Section
 from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.placed.electrode import Electrode, Layout
@@ -26,7 +28,6 @@ from pvdf_fem.scene.placed.patch import Patch
 from pvdf_fem.scene.placed.placed_shape import PLACEMENT_KEYS
 from pvdf_fem.scene.placed.probe import ListedProbe, Probe
 from pvdf_fem.scene.readout import Readout
-from pvdf_fem.scene.response_domain import ResponseDomain
 from pvdf_fem.scene.scene import Numerics, Scene
 from pvdf_fem.scene.scene_file import format_toml_value, get_example_text, read_examples
 from pvdf_fem.scene.stage import Stage
@@ -46,6 +47,7 @@ MODELS: Mapping[str, type[Section]] = {
     "[numerics]": Numerics,
     "[readout]": Readout,
     "[stage]": Stage,
+    "[calibration]": CalibratedParameters,
     "[air]": Air,
     "[model]": ResponseDomain,
 }

@@ -73,7 +73,7 @@ class Sensor(Task):
             columns[electrode.name] = values
         begin_s = time.process_time()
         calibration = calibrate(
-            assumed, columns, UNKNOWN, sigma=SIGMA, place_sd=PLACE_MM, reading="change"
+            assumed, columns, UNKNOWN, sigma=SIGMA, place_sd=PLACE_MM, reading="change", unit="pC"
         )
         found = calibration.to_json()
         row = {"seconds": time.process_time() - begin_s, "status": found["status"]}

@@ -153,7 +153,12 @@ class LocatedTouches(Task):
         """
         sigma = max(noise, TRUTH * self.tolerance)
         found = locate_many(
-            response, charges_pC, sigma, rotations_deg=rotations_deg, calibrated=True
+            response,
+            charges_pC,
+            sigma,
+            rotations_deg=rotations_deg,
+            unit="pC",
+            calibrated=True,
         )
         frame = pd.DataFrame(touches, columns=TOUCH_QUANTITIES)
         for name in PLACE_AND_FORCE:
@@ -181,14 +186,14 @@ class LocatedTouches(Task):
         touches, charges = self._solve_touches(response, np.hstack([places, unturned_1N]))
         errors = np.random.default_rng(SEED).standard_normal((DRAWS, *charges.shape))
         rows = (charges * (1.0 + NOISE * errors)).reshape(-1, len(response.names))
-        located = locate_many(response, rows, NOISE, rotations_deg=np.zeros(len(rows)))
+        located = locate_many(response, rows, NOISE, rotations_deg=np.zeros(len(rows)), unit="pC")
         differences = (located.values.reshape(DRAWS, -1, 4) - touches)[..., :2]
         distances = np.nan_to_num(np.linalg.norm(differences, axis=-1), nan=np.inf)
         errors_mm = np.quantile(distances, 0.683, axis=0, method="higher").tolist()
         for touch, charge_row, error_mm in zip(touches.tolist(), charges, errors_mm, strict=True):
             x_mm, y_mm = touch[:2]
             readings = dict(zip(response.names, charge_row.tolist(), strict=True))
-            location = locate(response, readings, NOISE, known={"rotation_deg": 0.0})
+            location = locate(response, readings, NOISE, known={"rotation_deg": 0.0}, unit="pC")
             farthest_mm = 0.0
             for other in location.touches:
                 if other.weight >= LIKELY:
@@ -211,10 +216,11 @@ def _measure_speed(response: Response) -> dict[str, float]:
     for row in charges[:ONCE]:
         readings = dict(zip(response.names, row.tolist(), strict=True))
         begin_s = time.perf_counter()
-        locate(response, readings, NOISE)
+        locate(response, readings, NOISE, unit="pC")
         durations_ms.append(1e3 * (time.perf_counter() - begin_s))
     begin_s = time.perf_counter()
-    locate_many(response, charges, NOISE, rotations_deg=touches[:, TouchColumn.ROTATION])
+    rotations_deg = touches[:, TouchColumn.ROTATION]
+    locate_many(response, charges, NOISE, rotations_deg=rotations_deg, unit="pC")
     per_second = BATCH / (time.perf_counter() - begin_s)
     return {"locate_ms": float(np.median(durations_ms)), "per_second": per_second}
 
@@ -239,7 +245,7 @@ class LocatedPair(Task):
         for (name, charge), factor in zip(solution.charges_pC.items(), factors, strict=True):
             readings[name] = float(charge * factor)
         begin_s = time.process_time()
-        location = locate(self.scene, readings, self.noise, touches=2)
+        location = locate(self.scene, readings, self.noise, unit="pC", touches=2)
         seconds = time.process_time() - begin_s
         nearest = _find_nearest_pair(location.touches, true)
         about = {"pair": self.number, "seconds": seconds, "listed": len(location.touches)}

@@ -43,11 +43,13 @@ FILM = {"film.pressure_Pa": 10.0, "film.gravity_m_s2": 20.0, "film.rim_displacem
 HEAT = {"film.pyroelectric_uC_m2K": 5.0, "film.warming_K": 0.4, "probe.temperature_K": 5.0}
 COUPLED = {"film.coupling": True, "readout": {"kind": "voltage", "cable_capacitance_pF": 100.0}}
 TOLD = {"readout": {"reading": "total"}, "stage": {"x_mm": 1.0}}
+CALIBRATED = {"keys": ["film.thickness_um"], "deviations": [0.5], "correlations": [[1.0]]}
+TOLD |= {"calibration": CALIBRATED}
 MOVED = {"x_mm", "y_mm", "rotation_deg", "force_N"}  #: Keys that responses follow.
 #: Scenes in which keys act, by changes of `BASE`, and the tables whose keys are changed there.
 SCENES: list[tuple[Changes, list[str]]] = [
     ({}, ["", "film", "electrodes", "probe", "load", "numerics"]),
-    ({**TOLD, "air": {}, "model": {}}, ["readout", "stage", "air", "model"]),
+    ({**TOLD, "air": {}, "model": {}}, ["readout", "stage", "calibration", "air", "model"]),
     (FILM, ["film", "load"]),
     ({**HEAT, "film.d33_pC_N": -10.0, "probe.x_mm": 7.0}, ["film", "probe"]),
     ({**COUPLED, "film.d31_pC_N": 60.0, "film.d32_pC_N": 60.0}, ["film", "readout"]),

@@ -57,7 +57,7 @@ def made_up_responses(monkeypatch):
         scenes.append(scene)
         return make_bump_response(scene.single_probe.shape).for_scene(scene)
 
-    def make_tracked_response(scene, *_):
+    def make_tracked_response(scene, *_, **__):
         return replace(unloaded, scene=scene)
 
     for place in RESPONSE_USERS:

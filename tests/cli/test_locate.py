@@ -24,6 +24,7 @@ TOUCHES = draw_uniform_touches(6, seed=2, reach_mm=9.0)
 CHARGES = make_bump_response("rectangle").evaluate(TOUCHES)[0]
 TOUCH = np.array([[3.0, -4.0, 0.0, 0.7]])
 READOUT = '[readout]\nkind = "charge"\nfeedback_capacitance_pF = 500\n'
+TOTAL = f'{READOUT}reading = "total"\n'
 
 
 def options(reading=lambda charge: charge):
@@ -167,6 +168,7 @@ def test_a_touch_is_printed_with_its_status(
 ):
     with open("scene.toml", "a") as file:
         file.write(READOUT)
+    given = ["--unit", "pC", *given]  # the last one counts
     run = command("locate", "scene.toml", *given, "--json")
     assert (run.code, run.json["status"], run.err) == (code, status, "")
     text = command("locate", "scene.toml", *given)
@@ -206,13 +208,13 @@ def test_each_row_gives_a_row(run):
 def test_bad_rows_have_a_status_and_change_no_other(run):
     good = table().splitlines()
     bad = {
-        "a,nan,1,1,1,0": "not_finite",
-        "b,,1,1,1,0": "not_finite",
-        "c,1_000,1,1,1,0": "not_finite",
+        "a,nan,nan,1,1,0": "not_finite",
+        "b,,1,,1,0": "not_finite",
+        "c,,1,1,,0": "not_finite",
         "d,1,1,1,1,north": "not_finite",
         "e,905,1,731,4,600,2,0": "malformed",
         'f,"1,1,1,1,0': "malformed",
-        "g,1e400,1,1,1,0": "not_finite",
+        "g,1e400,1e400,1,1,0": "not_finite",
         "\udcff,1,0,1,1,0": "zero_charge",
         "i": "malformed",
     }
@@ -243,7 +245,7 @@ def test_tables_may_be_json(ending, run):
     assert run(again, "--quick", "--json", name="again.json").json == rows[:6]
 
 
-@pytest.mark.parametrize(("how", "count"), [("--quick", 12), ("--quick", 9), ("--json", 6)])
+@pytest.mark.parametrize(("how", "count"), [("--quick", 12), ("--quick", 9), ("--json", 9)])
 def test_rows_that_no_touch_explains_have_a_status(how, count, run):
     """Charges in nC; success needs as many rows that fit as rows that the unit would explain."""
     charges = np.vstack([1e-3 * CHARGES, CHARGES])[:count]
@@ -252,6 +254,56 @@ def test_rows_that_no_touch_explains_have_a_status(how, count, run):
     assert statuses(rows) == [*["unexplained"] * 6, *["located"] * (count - 6)]
     assert done.code == (0 if count == 12 else 3)
     assert all(float(row["chi_square"]) > 100.0 for row in rows[:6])
+
+
+@pytest.mark.parametrize(
+    ("readout", "factor", "options", "code", "found"),
+    [
+        (
+            "",
+            1e-3,
+            "",
+            2,
+            "--unit nC",
+        ),  # they may be V of an amplifier that the scene does not have
+        ("", 1e-3, "--unit nC", 0, ""),
+        (TOTAL, 1.0, "", 0, "--unit pC"),  # the default is V
+        (TOTAL, 1.0, "--unit pC", 0, ""),
+        (TOTAL, 1.0, "--unit V", 2, "--unit pC"),
+        (TOTAL, 1 / 500.0, "", 0, ""),
+        (TOTAL, 1 / 500.0, "--unit pC", 2, "--unit V"),
+        (TOTAL, 1 / 0.5, "--unit V", 2, "--unit mV"),  # 0.1 to 5 N allow both
+        (TOTAL, 1 / 0.5, "--unit mV", 0, ""),
+        (TOTAL + 'unit = "pC"\n', 1.0, "", 0, ""),
+    ],
+)
+def test_the_unit_is_that_of_the_readout_unless_the_readings_contradict(
+    run, command, readout, factor, options, code, found
+):
+    """One touch and a table; the amplifiers have 500 pF and read total charges."""
+    with open("scene.toml", "a") as file:
+        file.write(readout)
+    done = run(table(factor * CHARGES), *options.split())
+    assert (done.code, found in done.err) == (code, True), done.err
+    assert ("--unit" in done.err) is bool(found)
+    if code == 0:
+        assert_touches(rows_of(done.out))
+    charges = make_bump_response("rectangle").evaluate(TOUCH)[0][0]
+    values = ",".join(f"{n}={factor * q:.9g}" for n, q in zip("ABCD", charges, strict=True))
+    one = command("locate", "scene.toml", "--charges", values, "--json", *options.split())
+    assert (one.code, ("--unit" in one.err) is bool(found)) == (code, True), one.err
+    if code == 0:
+        [best] = one.json["touches"]
+        assert [best[name] for name in NAMES] == pytest.approx(TOUCH[0], abs=1e-3)
+
+
+@pytest.mark.parametrize("unit", ["--unit V", ""])
+def test_swapped_channels_in_another_unit_are_still_in_another_unit(run, unit):
+    """No touch explains the rows in any unit; charges of 500 pC cannot be 500 V."""
+    with open("scene.toml", "a") as file:
+        file.write(READOUT)
+    done = run(table(CHARGES[:, [2, 1, 0, 3]]), *unit.split(), "--reading", "total")
+    assert ("--unit pC" in done.err, done.code == 2) == (True, bool(unit))
 
 
 OF_SCENE = f"--set probe.rotation_deg={TOUCHES[0, 2]} --set load.force_N={TOUCHES[0, 3]}"
@@ -268,3 +320,74 @@ def test_known_quantities_are_those_of_columns_or_the_scene(run, text, options):
     rows = rows_of(run(text, "--quick", *options).out)
     assert_touches(rows, TOUCHES[: len(rows)])
     assert {row["rotation_deviation_deg"] + row["force_deviation_N"] for row in rows} == {""}
+
+
+def test_a_dataset_can_be_located(folder, made_up_responses, command):
+    """Its force is known, as all columns with this name are; its positions are those to find."""
+    drawn = "--touches 20 --seed 3 --sigma 0 --noise 0"
+    assert command("dataset", "scene.toml", *drawn.split(), "--output", "drawn.csv").code == 0
+    done = command("locate", "scene.toml", "--csv", "drawn.csv", "--quick")
+    assert done.code == 0
+    rows = rows_of(done.out)
+    assert len(rows) == 20
+    for name in ("x_mm", "y_mm"):
+        expected = [float(row[f"given_{name}"]) for row in rows]
+        assert [float(row[name]) for row in rows] == pytest.approx(expected, abs=5e-3)
+    assert {"charge_pC.A", "model_error_pC.D"} < rows[0].keys()
+
+
+def test_a_table_below_the_header_of_a_labview_file_is_no_lvm_file(run):
+    header = "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\n"
+    assert_touches(rows_of(run(header + table(), "--quick").out))
+
+
+CELLS = ("name;A;B;C;D;rotation_deg", "a;1.041;2.041;3.041;4.041;5", "b;nan;1;1;1;0")
+
+
+def test_cells_that_cannot_be_read_are_named_in_the_remark_and_in_the_summary(run):
+    done = run("\n".join([*CELLS, "c;1;#DIV/0!;;1;0", ""]), "--quick")
+    first, second, third = rows_of(done.out)
+    assert first["remark"].startswith("row 1, column A: 1.041 could be 1.041 or 1041")
+    assert second["remark"].endswith("A is nan")
+    assert third["remark"].endswith("B is #DIV/0!")
+    assert first["status"] == "not_finite"
+    assert "readings.csv: row 1, column A: 1.041" in done.err
+    assert "B: 1 #DIV/0!" in done.err
+    settled = rows_of(run("\n".join([*CELLS, "c;0,5;1;1;1;0", ""]), "--quick").out)
+    assert "could be" not in settled[0]["remark"]
+
+
+# ----------------------------------------------------------------------------------------- clipping
+
+
+@pytest.mark.parametrize("option", ["--quick", "--json"])
+def test_a_table_names_the_channels_that_clip(option, run):
+    """Without a range in the scene; the file is located in parts of 32 rows."""
+    touches = draw_uniform_touches(70, seed=3, reach_mm=9.0)
+    noise = 0.01 * np.random.default_rng(1).standard_normal((70, 4))
+    charges = make_bump_response("rectangle").evaluate(touches)[0] * (1.0 + noise)
+    end = np.sort(charges[:, 1])[-4]
+    is_clipped = charges[:, 1] >= end
+    charges[:, 1] = np.minimum(charges[:, 1], end)
+    done = run(table(charges, touches), option)
+    found = rows_of(done.out)
+    assert [row["clipped"] == "B" for row in found] == is_clipped.tolist()
+    assert "unexplained" not in [statuses(found)[row] for row in np.flatnonzero(is_clipped)]
+    (message,) = [line for line in done.err.splitlines() if line.startswith("clipped: ")]
+    assert f"B at {end:.6g} pC in 4 rows" in message
+    assert "range_V" in message
+
+
+def test_clipped_charges_are_named_and_too_many_are_refused(folder, made_up_responses, command):
+    """Charges of one touch as options, with a range in the scene."""
+    charges = make_bump_response("rectangle").evaluate(TOUCH)[0][0]
+    end = np.sort(charges)[-1] - 1.0
+    arguments = ["locate", "scene.toml", "--unit", "pC"]
+    clipped = options(lambda charge: min(charge, end))
+    done = command(*arguments, "--set", f"readout.range_V={end / 1e3}", "--charges", clipped)
+    assert (done.code, "clipped" in done.out) == (0, True)
+    low = options(lambda charge: min(charge, 100.0))
+    done = command(*arguments, "--set", "readout.range_V=0.1", "--charges", low, "--json")
+    result = json.loads(done.out)
+    assert (done.code, result["status"], result["touches"]) == (3, "clipped", [])
+    assert result["clipped"] == list("ABCD")

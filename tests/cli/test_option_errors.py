@@ -60,7 +60,9 @@ WRONG_LINES = [
     ("respond bare.toml", ["probe"]),
     ("locate bare.toml --charges A=1", ["bare.toml"]),
     ("model bare.toml", ["bare.toml"]),
-    ("track bare.toml signals.csv", ["bare.toml", "--unit V"]),
+    ("track bare.toml signals.csv", ["bare.toml"]),
+    ("track bare.toml signals.csv --unit V", ["bare.toml", "--unit V"]),
+    ("track wired.toml signals.csv --unit kV", ["--unit kV"]),
     ("locate scene.toml --changes A=1 --unit V", ["--unit V"]),
     # without charges of the unloaded film, before a response is built
     (f"track disc.toml signals.csv {WARM}", [HOT]),

@@ -15,8 +15,9 @@ from tests.helpers.streams import Tap, make_sensor, make_stream
 
 LOCATE, TRACK = "locate scene.toml --output touches.csv --csv", "track sensor.toml"
 SAMPLES = "t_s,A,B,C,D\n0,0.1,0.1,0.1,0.1\n0.001,0.1,0.1,0.1,0.1\n"
-UNUSABLE = [b"", b"905,731\n600,640\n", b"A;B\tC,D;E\n1\n", b"t_s,A,B,A\n0,1,2,3\n"]
-UNUSABLE += [b"t_s,A,B\n" + b"1" * (1 << 21), SAMPLES.encode("utf-16"), b"t_s,A,B\r0,1,2\r"]
+UNUSABLE = [b"", b"905,731\n600,640\n", b"E;F\tG,H;E\n1\n", b"t_s,A,B,A\n0,1,2,3\n"]
+UNUSABLE += [b"t_s,A,B\n" + b"1" * (1 << 21), b"t_s,A (N),B\n0,1,2\n"]
+UNUSABLE += [b"t_s,A (V),A [mV]\n0,1,2\n", b"t_s,A (V),B\n0,1,2\n", b"t_s,A (V),B (pC)\n0,1,2\n"]
 
 pytestmark = pytest.mark.usefixtures("folder", "made_up_responses")
 
@@ -25,11 +26,13 @@ pytestmark = pytest.mark.usefixtures("folder", "made_up_responses")
     ("line", "text"),
     [
         *((line, text) for line in (f"{LOCATE} a.csv", f"{TRACK} a.csv") for text in UNUSABLE),
-        (f"{LOCATE} a.csv", b"A,B,x_mm\n1,2,3\n"),
+        (f"{LOCATE} a.csv", b"A,B,x_mm,given_x_mm\n1,2,3,4\n"),
+        (f"{LOCATE} a.csv", b"A (V),B (V),C (V)\n1,2,3\n"),
+        (f"{TRACK} --unit pC a.csv", b"t_s,A (mV),B (mV),C (mV)\n0,1,2,3\n"),
         (f"{LOCATE} a.json", b"[1, 2"),
         (f"{LOCATE} a.json", b'{"A": 1}\n{"A": oops}\n'),
         (f"{LOCATE} a.json", b"[" * 100000),
-        (f"{TRACK} a.csv", b"t,A,B\n"),
+        (f"{TRACK} a.csv", b"t,A,B,C\n0,1,2,3\n"),
         (f"{TRACK} a.csv", b"A,B,C,D\n0,1,2,3\n"),
         (f"{TRACK} a.csv", b"t_s;A;B;C;D\n0;1;2;3;1,2,3\n"),
         (f"{TRACK} a.csv", b"t_s,A,B,C,D\n,1,2,3,4\n1,1,2,3,x\n"),
@@ -157,3 +160,18 @@ def test_the_unit_is_questioned_where_it_may_be_wrong(track, table, factor, unex
     forces = [float(row["force_N"]) for row in found if row["force_N"]]
     assert bool(forces) is unexplained
     assert all(force < 100.0 for force in forces)
+
+
+def test_a_table_of_any_program_is_followed(track, table):
+    """With a header block, times of day, units, decimal commas and separators at the end."""
+    lines = ["Logger;7", "time;A (mV);B (mV);C (mV);D (mV)"]
+    for t_s, *readings in table:
+        cells = [f"12:00:{t_s:012.9f}", *(f"{1e3 * value:.12g}" for value in readings)]
+        lines.append(";".join([*cells, ""]).replace(".", ","))
+    found = rows_of(track("\n".join([*lines, ""])))
+    expected = rows_of(track(table))
+    assert [row["status"] for row in found] == [row["status"] for row in expected]
+    forces = []
+    for rows in (found, expected):
+        forces.append([float(row["force_N"]) for row in rows if row["force_N"]])
+    assert forces[0] == pytest.approx(forces[1], rel=1e-4)

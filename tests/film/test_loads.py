@@ -1,13 +1,20 @@
 """Loads by probes and on the whole film: their sums and moments, profile files, and contacts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray
 
 from pvdf_fem import Scene, solve
+from pvdf_fem.film.loads.contact_edge import measure_contact_outlines
+from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
+from pvdf_fem.mesh.gmsh_mesh import mesh_scene
+from pvdf_fem.problem.contact_result import select_tips
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import rotate
+from pvdf_fem.solver.first_sizes import choose_first_sizes
 from pvdf_fem.solver.nonlinear.status import Status
 from tests.helpers.discs import graded_mesh
 from tests.helpers.refusals import keys, refused
@@ -121,7 +128,7 @@ def solve_contact(**probe):
 def test_tractions_on_a_sphere_pass_through_its_centre():
     sphere = solve_contact(shape="sphere", radius_mm=5.0, x_mm=14.0, y_mm=6.0)
     x, y = sphere.lateral_N
-    assert x < y < -1e-3
+    assert x < y < -1e-3  # a gap
     assert sphere.moments_N_mm == pytest.approx([5.0 * y, -5.0 * x], rel=1e-2)
 
 
@@ -130,3 +137,40 @@ def test_a_pressure_turns_with_its_tip():
     along, oblique = (solve_contact(**long, rotation_deg=rotation) for rotation in (0.0, 45.0))
     assert along.largest_pressure_MPa == pytest.approx(oblique.largest_pressure_MPa, rel=0.06)
     assert along.mean_pressure_MPa < 1.0 / (10.0 * 2.0)  # the flat face is a part of the contact
+
+
+def test_the_film_shrinks_on_a_flat_face_by_about_the_estimate():
+    """The film stretches under a punch, so that its face covers less of the undeformed film."""
+    probe = {"shape": "rectangle", "width_mm": 12.0, "height_mm": 6.0, "edge_radius_mm": 1.0}
+    load = {"kind": "contact", "force_N": 1.0}
+    soft = {"film.youngs_modulus_GPa": 0.05, "film.bending": False, "numerics.tolerance": 1e-2}
+    scene = Scene().with_(probe={**probe, "x_mm": 10.0}, load=load, **soft)
+    solution = solve(scene)
+    [tip] = select_tips(solution.discrete.equilibrium)
+    measured = measure_contact_outlines(tip, solution.discrete.state)["probe face"]
+    estimated = estimate_tip_outlines(scene)["probe face"]
+    face = tip.tip.face
+    shrunk, expected = (np.sqrt(one.area / face.area) - 1.0 for one in (measured, estimated))
+    assert -0.06 < shrunk < -0.03
+    assert expected == pytest.approx(shrunk, rel=0.4)
+    drift, expected = (one.centroid[0] - 0.01 for one in (measured, estimated))
+    assert -5e-4 < drift < -2e-4
+    assert expected == pytest.approx(drift, rel=0.4)
+
+
+def test_a_film_below_a_tip_of_given_depth_is_lifted_until_it_overlaps_as_wanted():
+    probe = {"shape": "sphere", "radius_mm": 5.0, "x_mm": 4.0}
+    load = {"kind": "contact", "depth_mm": 0.5}
+    scene = Scene().with_(probe=probe, load=load, **{"film.bending": False})
+    problem = Problem.from_scene(scene)
+    mesh = mesh_scene(scene, choose_first_sizes(problem, 2), contacts=estimate_tip_outlines(scene))
+    equilibrium = Equilibrium(problem, mesh, 2)
+    [tip] = select_tips(equilibrium)
+    radius = np.hypot(*equilibrium.space.basis.doflocs)
+    flat = equilibrium.state(np.zeros(equilibrium.unknowns.count))
+    deep = np.zeros((len(radius), 3))
+    deep[:, 2] = 2e-3 * (1.0 - (radius / scene.film.radius) ** 2)
+    assert tip.overlap(replace(flat, dofs=deep.ravel())).value.max() < -1e-3  # a gap
+    lifted = tip.complete_initial_guess(deep.ravel())
+    overlap = tip.overlap(replace(flat, dofs=lifted)).value.max()
+    assert overlap == pytest.approx(tip.softness * 0.5e-3, rel=1e-6)

@@ -135,3 +135,16 @@ def test_a_thick_film_bends_or_has_a_warning_and_tips_neglect_bending():
     tip = thick.with_(**sphere, **{"film.bending": "auto"})
     assert estimate_bending_effect(tip).change > tip.numerics.tolerance
     assert not Problem.from_scene(tip).film.bends
+
+
+def test_bending_at_the_rim_matters_more_the_closer_the_probe_is_to_the_rim():
+    """By 1/sqrt(gap), apart from the distance of the farthest electrode from the probe."""
+
+    def estimate(x_mm):
+        probe = {"shape": "circle", "radius_mm": 3.0, "x_mm": x_mm}
+        middle = [{"name": "A", "shape": "circle", "x_mm": x_mm, "y_mm": 0.0, "radius_mm": 1.0}]
+        return estimate_bending_effect(Scene().with_(probe=probe, electrodes=middle))
+
+    centred, aside = estimate(0.0), estimate(40.0)
+    assert aside.probe == pytest.approx(centred.probe, rel=0.01)
+    assert aside.rim == pytest.approx(centred.rim * np.sqrt((1 - 3 / 45) / (1 - 43 / 45)), rel=0.01)

@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from pvdf_fem.scene.outlines.polygon import make_triangle_corners
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.solver.sensitivity.parameters import COEFFICIENTS
-from pvdf_fem.surrogate.touch_domain import TOUCH_SCENE_KEYS
+from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TOUCH_SCENE_KEYS, Domain
 
 SCENE = Scene.parse('[probe]\nshape = "triangle"\nside_mm = 7.0\n').with_(
     **{"film.pretension_N_m": 8.0}
@@ -37,6 +38,7 @@ TRUE = {
 }
 UNKNOWN = ("film.pretension_N_m", "gains", "shift", "turn")
 PLACES_MM = np.array([rotate([10.0, 0.0], 90.0 * k) for k in range(4)])
+DOMAIN = Domain(14.0, (0.1, 5.0))  #: Domain of the response.
 #: Arguments of the stress integrals.
 KEYS = (*TOUCH_SCENE_KEYS, "film.pretension_N_m")
 
@@ -52,16 +54,22 @@ class Placements(NamedTuple):
 
 
 def compute_integrals(at):
-    """Compute stress integrals X, Y in N, (electrodes, 2), at the values of `KEYS`.
+    """Compute stress integrals X, Y in N, (..., electrodes, 2), at values (..., 5) of `KEYS`.
 
     Those of the unloaded film are half its tension.
     """
-    x, y, rotation, force, tension = at
-    corners = rotate(make_triangle_corners(7.0), rotation) + np.array([x, y])
+    at = np.asarray(at)
+    x, y, rotation, force, tension = np.moveaxis(at[..., None, None], -3, 0)
+    angle = np.radians(rotation)
+    corners_x, corners_y = make_triangle_corners(7.0).T
+    turned_x = np.cos(angle) * corners_x - np.sin(angle) * corners_y + x
+    turned_y = np.sin(angle) * corners_x + np.cos(angle) * corners_y + y
+    corners = np.stack([turned_x, turned_y], axis=-1)
     apart = corners - PLACES_MM[:, None]
     squared_widths = np.array([[81.0, 49.0], [36.0, 81.0]])
     shares = 1.0 / (1.0 + np.square(apart) @ (1.0 / squared_widths).T)
-    return 0.5 * tension + 60.0 * force / (0.1 * tension + force) ** 0.5 * shares.mean(axis=1)
+    size = 60.0 * force / (0.1 * tension + force) ** 0.5
+    return 0.5 * tension + size * shares.mean(axis=-2)
 
 
 def solve_outputs(problem):
@@ -135,3 +143,76 @@ def make_columns(count=24, sigma=0.0, place_sd=0.0, seed=1, true=TRUE):
         "force_N": drawn.forces_N,
     }
     return columns | dict(zip(NAMES, readings.T, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class TouchedSensitivities:
+    """Derivatives of the charges of the made-up sensor with respect to its pretension."""
+
+    scene: Scene
+
+    @property
+    def keys(self):
+        """The only key."""
+        return ("film.pretension_N_m",)
+
+    @property
+    def unloaded_slopes(self):
+        """Derivatives of the unloaded charges (electrodes, keys)."""
+        return np.full((4, 1), 0.5 * sum(get_coefficients(self.scene)))
+
+    def select(self, keys):
+        """Return these derivatives."""
+        return self
+
+    def evaluate(self, touches, charges_pC, slopes):
+        """Compute derivatives (n, electrodes, keys) of the changes, by differences."""
+        step = 1e-5 * np.eye(5)[4]
+        at = _append_tension(self.scene, touches)
+        difference = compute_integrals(at + step) - compute_integrals(at - step)
+        total = difference @ get_coefficients(self.scene) / 2e-5
+        return total[:, :, None] - self.unloaded_slopes
+
+
+@dataclass(frozen=True, eq=False)
+class TouchedResponse:
+    """The response of the made-up sensor with the pretension of a scene."""
+
+    quantity_names: ClassVar = TOUCH_QUANTITIES
+    is_fast: ClassVar = True
+    names: ClassVar = NAMES
+    scene: Scene
+    domain: Domain = DOMAIN
+    error_bound: float = 1e-5
+
+    @property
+    def unloaded_charges_pC(self):
+        """Charges of the unloaded film and their errors."""
+        tension = self.scene.film.pretension_N_m
+        return (0.5 * tension * sum(get_coefficients(self.scene)),) * 4, (0.0,) * 4
+
+    @property
+    def sensitivities(self):
+        """Derivatives with respect to the pretension."""
+        return TouchedSensitivities(self.scene)
+
+    def evaluate(self, touches):
+        """Compute charges (n, electrodes) and derivatives (n, electrodes, 4), by differences."""
+        coefficients = get_coefficients(self.scene)
+        at = _append_tension(self.scene, touches)
+        columns = []
+        for step in 1e-6 * np.eye(5)[:4]:
+            difference = compute_integrals(at + step) - compute_integrals(at - step)
+            columns.append(difference @ coefficients / 2e-6)
+        return compute_integrals(at) @ coefficients, np.stack(columns, axis=-1)
+
+
+def _append_tension(scene, touches):
+    """Return touches (n, 4) with the scene's pretension as fifth column."""
+    tension = np.full((len(touches), 1), scene.film.pretension_N_m)
+    return np.hstack([touches, tension])
+
+
+def get_coefficients(scene):
+    """Return d31 and d32 of a scene."""
+    return np.array([get_parameter(scene, key) for key in COEFFICIENTS])

@@ -62,7 +62,7 @@ def test_a_touch_is_located_by_contours_and_by_least_squares(circles):
     contours = Contours(charge_map)
     touch = np.array([[2.0, 1.3]])
     charges = dict(zip("ABCD", gaussians(touch, centres)[0].tolist(), strict=True))
-    line = contours.trace("A", charges["A"])
+    line = contours.trace_contour("A", charges["A"])
     around = np.linalg.norm(shapely.get_coordinates(line) - centres[0], axis=1)
     np.testing.assert_allclose(around, np.linalg.norm(touch - centres[0]), atol=2e-3)
     triangles = contours.find_triangles(charges)

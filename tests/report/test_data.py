@@ -11,6 +11,7 @@ from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.report.data import DataSource, read_data
 from pvdf_fem.report.results import ReportResults
+from pvdf_fem.scene.scene_file import SceneError
 from pvdf_fem.solver.adaptive import compute_unloaded_charges
 
 SCENE = Scene().with_(
@@ -34,7 +35,16 @@ def test_a_row_is_a_scene(tmp_path):
     np.testing.assert_array_equal(charges, [[100.25, np.nan], [80.0, np.nan]])
 
 
-@pytest.mark.parametrize("row", ["x_mm,A\n1.5,100.25", "x_mm;A\n1.5;100.25", "x_mm;A\n1,5;100,25"])
+@pytest.mark.parametrize(
+    "row",
+    [
+        "x_mm,A\n1.5,100.25",
+        "x_mm;A\n1.5;100.25",
+        "x_mm;A\n1,5;100,25",
+        "# by hand\nx (m);A (nC)\n0,0015;0,10025",
+        "x\tA\ncm\tfC\n0.15\t100'250",
+    ],
+)
 def test_a_file_path_is_relative_to_the_script(tmp_path, row):
     """With the marks of spreadsheets in any country."""
     tmp_path.joinpath("touches.csv").write_text(row, encoding="utf-8")
@@ -81,3 +91,20 @@ def test_changes_subtract_the_unloaded_charge_of_the_record():
         found = results.get_charges([scene], names, reading)
         np.testing.assert_allclose(found, expected, rtol=1e-9)
     assert fresh.charges_pC["A"] - fresh.charge_changes_pC["A"] > 1.0
+
+
+def test_cells_that_cannot_be_read_are_refused_by_row_and_column(tmp_path):
+    with pytest.raises(SceneError) as caught:
+        readings(tmp_path, "x_mm;A\n1;1.041\n2;oops\n")
+    assert [problem.partition(":")[2][:17] for problem in caught.value.problems] == [
+        " row 1, column A:",
+        " row 2, column A:",
+    ]
+
+
+def test_columns_have_the_type_of_all_their_cells(tmp_path):
+    table = "case;set;film.thickness_um;A\n1;yes;9;OVER\n02;no;25,5;1.200,5\n"
+    found = readings(tmp_path, table, labels=["case", "set"], where={"case": [1, 2]}, unit="pC")
+    assert found.frame.case.tolist() == [1, 2]
+    assert found.frame["film.thickness_um"].tolist() == [9.0, 25.5]
+    np.testing.assert_array_equal(found.frame.A, [np.nan, 1200.5])

@@ -100,8 +100,8 @@ TABLE = "section/1/table"
         ("data/touches/unit", "V", "data.touches.unit"),  # without channels
         ("data/touches/labels", [], 'data.touches.columns = "case"'),
         ("data/touches/where", {"case": "ten"}, "data.touches"),
-        ("data/touches/table", "case, A\n1, nan\n", "data.touches.A"),
-        ("data/touches/table", f"case, A\n1, {10**400}\n", "data.touches.A"),
+        ("data/touches/table", "case, A\n1, x\n", "data.touches: row 1, column A"),
+        ("data/touches/table", f"case, A\n1, {10**400}\n", "data.touches: row 1, column A"),
         ("data/touches/table", "case, A, A\n1, 100, 90\n", "data.touches.file"),
         ("data/touches/table", "case, x_mm, A\n1, 19, 5\n", "data.touches, row 1: probe"),
         ("data/touches/table", "case, film.thick, A\n1, 9, 5\n", "data.touches, row 1: film.thick"),

@@ -14,6 +14,7 @@ from pvdf_fem.batch.keys import make_record_key
 from pvdf_fem.problem.equivalence import MECHANICAL_EFFECTS
 from pvdf_fem.scene.keys import select_by_effect
 from pvdf_fem.scene.scene import Film, Scene
+from pvdf_fem.scene.scene_file import quote
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.studies.scene_grid import SceneGrid
 from tests.helpers.refusals import refused
@@ -187,3 +188,8 @@ def test_the_films_centre_and_axes_on_the_stage():
     np.testing.assert_allclose(places, [[1.0, 2.0], [1.0, 12.0]], atol=1e-12)
     assert rotations.tolist() == [90.0, 95.0]
     np.testing.assert_allclose(stage.to_film(places, rotations)[0], [[0, 0], [10, 0]], atol=1e-12)
+
+
+def test_values_in_messages_are_shortened_where_they_are_nested_deeply():
+    assert quote([[[1, "a"]]]) == '[[[1, "a"]]]'
+    assert quote([[[[1]]], 2]) == "[[[[...]]], 2]"

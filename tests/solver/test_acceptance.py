@@ -174,7 +174,7 @@ def test_warns_of_a_charge_whose_parts_cancel():
     scene = TRIANGLE.with_(**{"film.d31_pC_N": 20.0, "film.d32_pC_N": -20.0})
     integrals = np.array([[1.0, 0.999], [1.0, 0.5], [2.0, 1.0], [1.0, 0.5]])
     uncertain = StressIntegrals(integrals, 1e-4 * integrals * [1.0, 0.5])
-    [warning] = acceptance.warn_of_cancelled_charges(scene, uncertain)
+    [warning] = acceptance.list_cancellation_warnings(scene, uncertain)
     assert re.findall(r"-?\d[\d.]*", warning)[:3] == ["0.02", "20", "-19.98"]
     accurate = StressIntegrals(integrals, 1e-8 * integrals)
-    assert not acceptance.warn_of_cancelled_charges(scene, accurate)
+    assert not acceptance.list_cancellation_warnings(scene, accurate)

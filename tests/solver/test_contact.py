@@ -55,7 +55,7 @@ def test_a_tip_off_the_centre_is_pushed_towards_the_steeper_side():
     assert contact.overlap_mm < 1e-4 * contact.depth_mm
     least = contact.least_pressure_MPa
     mean = contact.mean_pressure_MPa
-    assert 0.0 < least < mean < contact.largest_pressure_MPa < 1.2 * mean
+    assert 0.7 * mean < least < mean < contact.largest_pressure_MPa < 1.2 * mean
     # a tip without friction is pushed along the line to the film's centre, towards the steeper side
     along = contact.lateral_N @ [14.0, 6.0]
     across = contact.lateral_N @ [-6.0, 14.0]

@@ -20,7 +20,7 @@ from pvdf_fem.solver.history import Stop
 from pvdf_fem.solver.mesh_level import SAFETY
 from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.status import Status
-from pvdf_fem.solver.solution import Solution
+from pvdf_fem.solver.solution import Solution, _discard_values_with_nan
 from pvdf_fem.summary import format_with_error
 from tests.helpers.discs import LOADS, RECTANGLE, TRIANGLE, charges, on_mesh, values
 
@@ -48,13 +48,13 @@ def test_errors_at_a_rigid_probe_do_not_vanish_where_their_signs_cancel(monkeypa
     exact = charges(scene.with_(**{"numerics.tolerance": 1e-4}))
     mesh = solve(scene).mesh
     kept: list[np.ndarray] = []
-    integrate = mesh_level._integrate
+    integrate = mesh_level._evaluate_stress_integrals
 
     def repeat_first_integrals(*arguments):
         kept.append(integrate(*arguments))
         return kept[0].copy()
 
-    monkeypatch.setattr(mesh_level, "_integrate", repeat_first_integrals)
+    monkeypatch.setattr(mesh_level, "_evaluate_stress_integrals", repeat_first_integrals)
     solution = solve(scene, mesh=mesh)
     assert len(kept) == 2
     errors = np.abs(values(solution.charges_pC) - exact)
@@ -214,3 +214,8 @@ def test_names_of_a_scene_are_escaped_in_a_notebook():
 )
 def test_values_end_with_the_second_digit_of_their_error(value, error, text):
     assert format_with_error(value, error) == text
+
+
+def test_values_of_which_one_is_not_a_number_are_left_out_of_json():
+    assert _discard_values_with_nan({"A": 1.0, "B": float("nan")}) is None
+    assert _discard_values_with_nan({"A": 1.0, "B": 2.0}) == {"A": 1.0, "B": 2.0}

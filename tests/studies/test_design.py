@@ -47,7 +47,9 @@ def test_located_touches_scatter_by_the_bound():
         deviations_pC = np.hypot(0.003 * changes_pC, 2.0)
         readings = changes_pC + deviations_pC * rng.standard_normal((count, changes_pC.size))
         rotations = np.zeros(count)
-        result = locate_many(response, readings, 0.003, noise_pC=2.0, rotations_deg=rotations)
+        result = locate_many(
+            response, readings, 0.003, noise_pC=2.0, unit="pC", rotations_deg=rotations
+        )
         squared_distances = np.square(result.values[:, :2] - (x_mm, y_mm)).sum(axis=1)
         scatter_mm = math.sqrt(squared_distances.mean())
         force_scatter = math.sqrt(np.square(result.values[:, 3] - 1.0).mean())

@@ -79,7 +79,8 @@ def test_readings_are_located_at_the_touches_on_the_stage():
     scene = make_bump_response("rectangle").scene.with_(stage=STAGE, readout=READOUT)
     data = draw_dataset(50, 2, 0.0, scene)
     response = make_bump_response("rectangle").for_scene(scene)
-    result = locate_many(response, data.reading_pC.values, 1e-3, rotations_deg=data.rotation_deg)
+    readings_pC = data.reading_pC.values
+    result = locate_many(response, readings_pC, 1e-3, rotations_deg=data.rotation_deg, unit="pC")
     assert np.median(np.abs(result.values - stack_touches(data))) < 1e-3
     assert np.hypot(data.x_mm - 30.0, data.y_mm + 5.0).max() <= 12.0
 

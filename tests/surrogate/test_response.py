@@ -198,3 +198,12 @@ def test_default_reach_does_not_depend_on_the_place_of_the_probe(film_mm, probe,
         == choose_default_reach_mm(moved)
         == pytest.approx(reach_mm, abs=1e-4)
     )
+
+
+def test_a_seed_draws_the_same_touches_in_every_version():
+    """They check responses: x and y in the disc of the reach, rotation, and logarithm of force."""
+    domain = Domain(8.0, (0.1, 5.0))
+    across, along, turn, level = np.random.default_rng(7).uniform(size=(20, 4)).T
+    position = 8.0 * np.sqrt(across) * np.exp(2j * np.pi * along)
+    expected = [position.real, position.imag, 360.0 * turn, 0.1 * 50.0**level]
+    assert draw_touches(domain, 20, seed=7) == pytest.approx(np.transpose(expected))

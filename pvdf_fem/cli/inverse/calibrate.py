@@ -10,12 +10,14 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pvdf_fem.cli.inverse.unit_option import add_unit_option, parse_unit_option
 from pvdf_fem.cli.options import (
+    add_noise_options,
     add_progress,
     add_scene_command,
     add_text_option,
+    parse_noise_options,
     parse_number,
-    parse_optional_number,
     read_scene,
 )
 from pvdf_fem.cli.output import find_output_errors
@@ -29,12 +31,14 @@ if TYPE_CHECKING:
 _DESCRIPTION = """\
 Fit the parameters of a sensor to touches with known position, rotation and force: the
 film, the channels and the position on the stage that explain the readings best. The ±
-are standard deviations. Touches that do not fit are rejected and named; files
-with exchanged channels, mirrored axes, wrong units and the like are recognised."""
+are standard deviations. Touches that do not fit are rejected and named; readings at
+the end of readout.range_V, or at plateaus, are clipped and left out; files with exchanged channels, mirrored axes, wrong units and the like are recognised."""
 
 _EPILOG = """\
 TOUCHES.csv has the columns x_mm, y_mm, rotation_deg (of the scene's probe on
-the stage), force_N, and one for each electrode (A, B, ...) with its reading.
+the stage), force_N, and one for each electrode (A, B, ...) with its reading: in V if
+the scene has a [readout], and in pC if not, unless readout.unit, --unit or the file
+says otherwise. Units in headings, as x (m) or A (mV), are converted.
 
 unknowns: film.pretension_N_m and other keys of the film; gain.A, ... or gains;
 offset.A, ... (V) or offsets; stage.x_mm and stage.y_mm or shift;
@@ -45,7 +49,7 @@ pretension 30 %, other keys of the film 20 %, shift 1 mm, turn 3 degrees, offset
 
 examples:
   pvdf-fem calibrate scene.toml touches.csv --place-sd 0.3 --output sensor.toml
-  pvdf-fem calibrate scene.toml touches.csv --unknown gains,shift,turn --unit V
+  pvdf-fem calibrate scene.toml touches.csv --unknown gains,shift,turn --unit nC
 
 exit codes: 0 calibrated, 2 bad input, 3 not calibrated (the status says why)"""
 
@@ -68,23 +72,8 @@ def add_parser(commands: Any) -> None:
         about="unknown parameters",
         default="film.pretension_N_m,gains",
     )
-    parser.add_argument(
-        "--unit", choices=("pC", "V"), default="pC", help="unit of the readings (default: pC)"
-    )
-    add_text_option(
-        parser,
-        "--sigma",
-        "FRACTION",
-        about="standard deviation of a reading, relative to it",
-        default="0.01",
-    )
-    add_text_option(
-        parser,
-        "--noise",
-        "VALUE",
-        about="additional standard deviation of every reading, in its unit (default: "
-        "readout.noise_V, or 0)",
-    )
+    add_unit_option(parser, is_tested=True)
+    add_noise_options(parser)
     add_text_option(
         parser,
         "--place-sd",
@@ -126,28 +115,33 @@ def run(options: argparse.Namespace) -> int:
     errors = find_output_errors(options.output, [".toml"], *inputs)
     errors += find_output_errors(options.page, [".html"], *inputs, options.output)
     scene = read_scene(options, *errors)
-    sigma = parse_number("--sigma", options.sigma, errors, allow_zero=True)
-    noise = parse_optional_number("--noise", options.noise, errors, allow_zero=True)
+    sigma, noise = parse_noise_options(options, errors)
     place_sd = parse_number("--place-sd", options.place_sd, errors, allow_zero=True)
     priors = _parse_priors(options.prior, errors)
+    from pvdf_fem.electrodes.channel import find_unit_errors, get_reading_unit
+
+    unit = parse_unit_option(options.unit)
+    errors += find_unit_errors(scene, unit, "--unit")
     if errors:
         raise InputError(*errors)
     from pvdf_fem.inverse.calibration.calibrate import calibrate
     from pvdf_fem.inverse.calibration.diagnosis import CalibrationStatus
+    from pvdf_fem.inverse.calibration.touch_columns import find_reading_unit
     from pvdf_fem.inverse.touch.measurement import get_units_pC
 
-    noise_pC = None
-    if noise is not None:
-        units_pC = get_units_pC(scene, options.unit)
-        noise_pC = {name: noise * unit_pC for name, unit_pC in units_pC.items()}
     unknowns = [name.strip() for name in options.unknown.split(",")]
+    noise_pC = None
     try:
+        if noise is not None:
+            noise_unit = unit or find_reading_unit(options.touches, scene)
+            units_pC = get_units_pC(scene, noise_unit or get_reading_unit(scene))
+            noise_pC = {name: noise * unit_pC for name, unit_pC in units_pC.items()}
         calibration = calibrate(
             scene,
             options.touches,
             [name for name in unknowns if name],
             reading=options.reading,
-            unit=options.unit,
+            unit=unit,
             priors=priors,
             sigma=sigma,
             noise_pC=noise_pC,
@@ -162,7 +156,8 @@ def run(options: argparse.Namespace) -> int:
     try:
         if is_calibrated and options.output:
             with replace_file(options.output) as temporary:
-                temporary.write_text(calibration.scene.to_toml(), encoding="utf-8")
+                sensor = calibration.scene.with_(**{"calibration.date": str(date.today())})
+                temporary.write_text(sensor.to_toml(), encoding="utf-8")
         if options.page:
             _write_page(calibration, options)
     finally:  # print the calibration even if a file cannot be written

@@ -5,10 +5,20 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from pvdf_fem.cli.inverse.calibration_option import add_calibration_option
 from pvdf_fem.cli.inverse.locate_request import UNKNOWN_HELP, Request, require_locatable
-from pvdf_fem.cli.options import add_scene_command, add_text_option, read_scene
+from pvdf_fem.cli.inverse.recording_options import add_recording_options
+from pvdf_fem.cli.inverse.unit_choice import choose_unit
+from pvdf_fem.cli.inverse.unit_option import add_unit_option
+from pvdf_fem.cli.options import (
+    add_noise_options,
+    add_scene_command,
+    add_text_option,
+    read_scene,
+)
 from pvdf_fem.cli.output import add_plot, save_plot
 from pvdf_fem.cli.program import ExitCode, InputError, convert_value_errors
 from pvdf_fem.cli.response_choice import add_response_options, load_or_build_response
@@ -16,6 +26,7 @@ from pvdf_fem.cli.response_choice import add_response_options, load_or_build_res
 if TYPE_CHECKING:
     from pvdf_fem.inverse.touch.locate import ProbeMatch
     from pvdf_fem.scene.scene import Scene
+    from pvdf_fem.surrogate.charge_function import ChargeFunction
 
 _DESCRIPTION = """\
 Locate the touch that gave some charges: position, force and rotation of the scene's
@@ -25,8 +36,10 @@ the ± of each with a probability of 68 %, so that an unlikely touch has a large
 probe.rotation_deg and load.force_N of the scene.
 
 Charges are totals, or changes by the touch, as an amplifier reads them that was
-zeroed before the touch. Gains and offsets come from the scene's [readout], also for
-readings in pC; places and rotations are in the frame of its [stage].
+zeroed before the touch. They are in V if the scene has a [readout], and in pC if not,
+unless readout.unit or --unit says otherwise. If readings in V are impossible and they
+fit in pC, they are located in pC, and the command says so. Gains and offsets come from
+[readout], also for readings in pC; places and rotations are in the frame of [stage].
 
 A response is needed, the model of the charges for all places within --reach and all
 forces in --force-range. The first call builds it, says how long that takes, and
@@ -38,14 +51,18 @@ forces, without a response, in up to a minute. The two probes are those of the
 scene, or its single probe twice.
 
 With --csv every row of a file is located. Its header has names of electrodes, and
-may have rotation_deg and force_N, which are then known. Other columns are copied.
+may have rotation_deg and force_N, which are then known. Separators, decimal commas,
+header blocks and units are recognised; a cell such as 1.041 that may be a fraction or
+a thousand is refused. Other columns are copied, x_mm as given_x_mm and so on.
 The columns x_mm, y_mm, rotation_deg, force_N, their deviations, chi_square, p_value,
 alternatives (touches with another place or force and 1 % of the likelihood or more),
-status and remark follow. Files that end in .json or .jsonl have a list of objects,
-or an object on each line; - is CSV, or such a list with --json.
+status, remark and clipped (channels whose readings are limits, not values) follow.
+Files that end in .json or .jsonl have a list of objects, or an object on each line; - is
+CSV, or such a list with --json.
 
 The status is `located`, `ambiguous` (touches with another place or force are
-likely), `at edge` (the touch may lie beyond the response) or `unexplained`: no touch
+likely), `at edge` (the touch may lie beyond the response), `clipped` (too many readings
+are at the end of readout.range_V, or at plateaus of a table) or `unexplained`: no touch
 explains the charges, the numbers are those of the nearest touch, and the remark
 names the unit, sign or exchanged channels with which a touch would explain them."""
 
@@ -57,7 +74,7 @@ examples:
   pvdf-fem locate scene.toml --charges A=905.1,B=731.4,C=600.2,D=640.9 --plot touch.png
   pvdf-fem locate ring.toml --touches 2 \\
       --charges A=1443,B=1559,C=1993,D=1471,E=1433,F=1514,G=2076
-  pvdf-fem locate sensor.toml --changes A=0.857,B=0.683,C=0.552,D=0.593 --unit V
+  pvdf-fem locate sensor.toml --changes A=0.857,B=0.683,C=0.552,D=0.593
   pvdf-fem locate sensor.toml --csv readings.csv --output touches.csv
   read-amplifier | pvdf-fem locate sensor.toml --csv - --quick | show-touches
   pvdf-fem locate triangle.toml --or rectangle.toml --charges A=905,B=731,C=600,D=641
@@ -78,7 +95,7 @@ def add_parser(commands: Any) -> None:
         epilog=_EPILOG,
     )
     source = parser.add_mutually_exclusive_group(required=True)
-    values = "A=PC,B=PC,..."
+    values = "A=VALUE,B=VALUE,..."
     add_text_option(
         source,
         "--charges",
@@ -95,7 +112,7 @@ def add_parser(commands: Any) -> None:
         source,
         "--csv",
         "FILE",
-        about="a table of readings, or - for standard input (see --json)",
+        about="a table of readings or a file of a logger, or - for standard input (see --json)",
     )
     parser.add_argument(
         "--quick",
@@ -108,12 +125,7 @@ def add_parser(commands: Any) -> None:
         choices=("change", "total"),
         help="kind of a table's readings (default: readout.reading, or total without [readout])",
     )
-    parser.add_argument(
-        "--unit",
-        choices=("pC", "V"),
-        default="pC",
-        help="unit of readings and of --noise; V needs a [readout] (default: pC)",
-    )
+    add_unit_option(parser, is_tested=True)
     add_text_option(
         parser,
         "--output",
@@ -121,20 +133,7 @@ def add_parser(commands: Any) -> None:
         about="file for the touches of a table, - for standard output",
         default="-",
     )
-    add_text_option(
-        parser,
-        "--sigma",
-        "FRACTION",
-        about="standard deviation of a charge or change, relative to it",
-        default="0.01",
-    )
-    add_text_option(
-        parser,
-        "--noise",
-        "VALUE",
-        about="additional standard deviation of every reading, in its unit (default: "
-        "readout.noise_V, or 0)",
-    )
+    add_noise_options(parser)
     add_text_option(parser, "--unknown", "NAMES", about=UNKNOWN_HELP, default="x,y,force")
     parser.add_argument(
         "--touches",
@@ -152,6 +151,8 @@ def add_parser(commands: Any) -> None:
         help="another scene, with another probe, that may have given the charges; all are "
         "compared by likelihood. May be repeated",
     )
+    add_calibration_option(parser)
+    add_recording_options(parser)
     add_response_options(parser)
     add_plot(parser, "the likelihood of the touch by position")
 
@@ -240,13 +241,14 @@ def _rank_probe_matches(scenes: Mapping[str, Scene], request: Request) -> tuple[
         "noise_pC": request.noise_pC(sensor),
         "unknown": request.unknown,
         "reading": request.reading,
-        "unit": request.unit,
+        "include_calibration": request.include_calibration,
     }
     if request.needs_solves:
         location = locate(
             _apply_response_options(sensor, request),
             request.readings,
             touches=request.touches,
+            unit=request.unit,
             progress=request.response.progress,
             **arguments,
         )
@@ -259,14 +261,53 @@ def _rank_probe_matches(scenes: Mapping[str, Scene], request: Request) -> tuple[
     require_locatable(scenes, request, request.readings_pC(sensor), known)
     # build all responses first, so that no build can fail after a search
     responses = {
-        name: load_or_build_response(scene, name, request.response)
+        name: load_or_build_response(
+            scene, name, request.response, with_sensitivities=request.include_calibration
+        )
         for name, scene in scenes.items()
     }
+    request = _settle_unit(request, responses[file], known)
+    arguments |= {"unit": request.unit, "noise_pC": request.noise_pC(sensor)}
     locations = {
         name: locate(response, request.readings, known=known, **arguments)
         for name, response in responses.items()
     }
     return rank_probes(locations)
+
+
+def _settle_unit(request: Request, response: ChargeFunction, known: Mapping[str, float]) -> Request:
+    """Return the request with the unit of its readings, after the test whether they can be in it.
+
+    Parameters
+    ----------
+    request : Request
+        Validated options with the readings.
+    response : ChargeFunction
+        The response of the sensor.
+    known : mapping of str to float
+        Known quantities of the touch.
+
+    Raises
+    ------
+    InputError
+        If the readings are not in the unit that was given.
+    """
+    import numpy as np
+
+    arguments = {"rotation_deg": "rotations_deg", "force_N": "forces_N"}
+    known_rows = {}
+    for name, argument in arguments.items():
+        if name in known:
+            known_rows[argument] = np.array([known[name]])
+    unit = choose_unit(
+        response,
+        {name: np.array([value]) for name, value in request.readings.items()},
+        request.unit,
+        "readings",
+        request=request,
+        known=known_rows,
+    )
+    return replace(request, unit=unit)
 
 
 def _apply_response_options(sensor: Scene, request: Request) -> Scene:

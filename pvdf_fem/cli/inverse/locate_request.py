@@ -7,7 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pvdf_fem.cli.options import parse_number, parse_optional_number, read_number
+from pvdf_fem.cli.inverse.recording_options import RECORDING_OPTIONS
+from pvdf_fem.cli.inverse.unit_option import parse_unit_option
+from pvdf_fem.cli.options import parse_noise_options, read_number
 from pvdf_fem.cli.output import find_plot_errors
 from pvdf_fem.cli.response_choice import ResponseChoice
 
@@ -33,10 +35,10 @@ class Request:
     ----------
     readings : dict of str to float
         Readings by electrode, in `unit`. Empty if the readings are in a table.
-    unit : {"pC", "V"}
-        Unit of the readings, also of those in a table, and of `noise`. Readings in pC are
-        *nominal*: in V times the nominal capacitance of the channel, before the correction of gain
-        and offset.
+    unit : str or None
+        Unit of the readings, also of those in a table, and of `noise`. None: that of
+        `get_reading_unit`. Readings in pC are *nominal*: in V times the nominal capacitance of the
+        channel, before the correction of gain and offset.
     reading : {"change", "total"} or None
         Whether readings are changes of the charge by the touch, or total charges. None: as in the
         scene's readout.
@@ -48,6 +50,8 @@ class Request:
         Unknown quantities of a touch, such as ``x_mm``.
     touches : int
         Number of probes that touch at once.
+    include_calibration : bool
+        Whether standard deviations include the errors that the calibration has left.
     response : ResponseChoice
         Options that describe the response.
     errors : tuple of str
@@ -55,12 +59,13 @@ class Request:
     """
 
     readings: dict[str, float]
-    unit: str
+    unit: str | None
     reading: str | None
     sigma: float
     noise: float | None
     unknown: tuple[str, ...]
     touches: int
+    include_calibration: bool
     response: ResponseChoice
     errors: tuple[str, ...]
 
@@ -79,8 +84,7 @@ class Request:
         elif options.changes is not None:
             reading = "change"
             readings = _parse_readings("--changes", options.changes, errors)
-        sigma = parse_number("--sigma", options.sigma, errors, allow_zero=True)
-        noise = parse_optional_number("--noise", options.noise, errors, allow_zero=True)
+        sigma, noise = parse_noise_options(options, errors)
         unknown = parse_unknowns(options.unknown, errors)
         if needs_solves(options.touches, unknown):
             errors += _find_options_of_responses(options)
@@ -92,12 +96,13 @@ class Request:
             errors.append("--model: is the response of one scene; remove it, or remove --or")
         return cls(
             readings=readings,
-            unit=options.unit,
+            unit=parse_unit_option(options.unit),
             reading=reading,
             sigma=sigma,
             noise=noise,
             unknown=unknown,
             touches=options.touches,
+            include_calibration=not options.without_calibration,
             response=response,
             errors=tuple(errors),
         )
@@ -113,9 +118,10 @@ class Request:
         Nominal pC are V times the nominal capacitance of the channel in pF, before the correction
         of gain and offset. Readings of electrodes that the scene does not have are not converted.
         """
+        from pvdf_fem.electrodes.channel import get_reading_unit
         from pvdf_fem.inverse.touch.measurement import get_units_pC
 
-        units = get_units_pC(scene, self.unit)
+        units = get_units_pC(scene, self.unit or get_reading_unit(scene))
         return {name: units.get(name, 1.0) * value for name, value in self.readings.items()}
 
     def noise_pC(self, scene: Scene) -> dict[str, float] | None:
@@ -124,11 +130,13 @@ class Request:
         Nominal pC are V times the nominal capacitance of the channel in pF. The result is None if
         `noise` is None, so that the noise of the scene's readout is used.
         """
+        from pvdf_fem.electrodes.channel import get_reading_unit
         from pvdf_fem.inverse.touch.measurement import get_units_pC
 
         if self.noise is None:
             return None
-        return {name: unit * self.noise for name, unit in get_units_pC(scene, self.unit).items()}
+        units_pC = get_units_pC(scene, self.unit or get_reading_unit(scene))
+        return {name: unit_pC * self.noise for name, unit_pC in units_pC.items()}
 
 
 def needs_solves(touches: int, unknown: Sequence[str]) -> bool:
@@ -201,14 +209,14 @@ def require_locatable(
     ValueError
         If readings, quantities or responses are invalid. The message has a line for each error.
     """
+    from pvdf_fem.electrodes.channel import find_unit_errors
     from pvdf_fem.inverse.touch.measurement import get_centre_mm
     from pvdf_fem.inverse.touch.validation import find_quantity_errors, find_reading_errors
 
     errors: list[str] = []
-    for file, scene in scenes.items():
+    for scene in scenes.values():
         errors += find_reading_errors(scene, readings_pC, request.sigma, request.noise_pC(scene))
-        if request.unit == "V" and scene.readout is None:
-            errors.append(f"--unit V: {file} has no [readout]; add one, or give pC")
+        errors += find_unit_errors(scene, request.unit, "--unit")
     for file, scene in scenes.items():
         errors += request.response.find_errors(scene, file)
     file_of_response = request.response.file
@@ -237,6 +245,8 @@ def _find_misplaced_options(options: argparse.Namespace) -> list[str]:
         "--reading": options.reading is not None,
         "--output": options.output != "-",
     }
+    for name, option in RECORDING_OPTIONS.items():
+        of_tables[option] = getattr(options, name) is not None
     return [
         f"{option}: is only for tables; remove it, or give --csv FILE"
         for option, is_used in of_tables.items()

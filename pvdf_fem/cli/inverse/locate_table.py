@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -16,17 +17,26 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.cli.inverse.locate_request import Request, require_locatable
 from pvdf_fem.cli.inverse.reading_table import (
     EXTENSIONS,
-    Row,
-    choose_format,
+    MAX_MALFORMED,
+    choose_electrode_columns,
+    count_lines,
+    describe_words,
+    open_readings,
     open_writer,
-    parse_cell,
-    read_rows,
     to_plain,
 )
+from pvdf_fem.cli.inverse.recording_options import make_recording_options
+from pvdf_fem.cli.inverse.unit_choice import choose_unit
+from pvdf_fem.cli.inverse.unit_option import require_valid_unit
 from pvdf_fem.cli.output import find_output_errors
 from pvdf_fem.cli.program import ExitCode, InputError
 from pvdf_fem.cli.response_choice import load_or_build_response
+from pvdf_fem.files import escape_unprintable
 from pvdf_fem.progress import show_progress
+from pvdf_fem.readings.formats import choose_format
+from pvdf_fem.readings.selection import NumberColumns, choose_quantity
+from pvdf_fem.readings.table import Row, Table
+from pvdf_fem.readings.text.numbers import CellError
 
 if TYPE_CHECKING:
     from pvdf_fem.scene.scene import Scene
@@ -67,32 +77,50 @@ def locate_table(scene: Scene, request: Request, options: argparse.Namespace) ->
     errors = find_output_errors(target, EXTENSIONS, Path(options.scene), source, options.model)
     if not {"x_mm", "y_mm"} <= set(request.unknown):
         errors.append("--unknown: x and y are always unknown in a table; name them")
+    given_options = make_recording_options(options, scene, errors)
     if errors:
         raise InputError(*errors)
+    recording_options = replace(given_options, needs_times=False, quantities=list(KNOWN))
     electrodes = [electrode.name for electrode in scene.electrode_list]
     counts = Counter[str]()
     mistakes = Counter[str]()
+    clipped = Counter[str]()
     with ExitStack() as stack:
         input_format = choose_format(source, options.json)
-        columns, batches = read_rows(stack, source, input_format, electrodes)
-        locator = _RowLocator(scene, request, options, columns)
+        table = open_readings(stack, source, input_format, electrodes, recording_options)
+        locator = _RowLocator(scene, request, options, table)
         write = open_writer(
             stack, target, choose_format(target, options.json), locator.output_columns
         )
-        line_count = _count_lines(source)
+        line_count = count_lines(source if table.reopen else None)
         # no progress between rows on a terminal, nor for a pipe, whose length is unknown
         progress = options.progress if target and line_count else False
         show = stack.enter_context(show_progress("rows", progress))
-        for batch in batches:
-            step = len(batch) if options.quick else CALIBRATED_ROWS
-            for start in range(0, len(batch), step):
-                rows = locator.locate(batch[start : start + step])
+        for batch in table.batches:
+            for rows in locator.locate(batch):
                 for row in rows:
                     counts[row["status"]] += 1
                     mistakes.update(_list_mistakes(row["remark"]))
+                    clipped.update((row["clipped"] or "").split())
                 write(rows)
                 show(counts.total(), max(line_count, counts.total()))
+    locator.report_cells()
+    if clipped:
+        _print_clipped(clipped, locator.limits, locator.unit)
     return _print_summary(counts, mistakes)
+
+
+class _RowNote(NamedTuple):
+    """A note about the cells of a row: why it is refused, or the words in place of numbers."""
+
+    text: str  #: Empty if there is nothing to say.
+    is_refused: bool
+
+    def add_to(self, remark: str) -> str:
+        """Return a remark about a touch with this note, which replaces it for a refused row."""
+        if self.is_refused or not remark:
+            return self.text or remark
+        return f"{remark}; {self.text}" if self.text else remark
 
 
 class _RowLocator:
@@ -103,89 +131,252 @@ class _RowLocator:
     """
 
     def __init__(
-        self, scene: Scene, request: Request, options: argparse.Namespace, columns: list[str]
+        self, scene: Scene, request: Request, options: argparse.Namespace, table: Table
     ) -> None:
+        from pvdf_fem.electrodes.channel import get_reading_unit
         from pvdf_fem.inverse.touch.locate import get_scene_quantities
-        from pvdf_fem.inverse.touch.touches import Touches
 
         self.scene = scene
-        self.request = request
         self.is_quick = options.quick
         electrodes = [electrode.name for electrode in scene.electrode_list]
-        self.electrodes = [name for name in electrodes if name in columns]
-        #: Columns that are copied to the output.
-        self.copied = [name for name in columns if name not in electrodes and name not in KNOWN]
+        readings, unit = choose_electrode_columns(table, electrodes, request.unit)
+        require_valid_unit(scene, unit, table.name)
+        self.given_unit = unit or request.unit
+        self.unit = self.given_unit or get_reading_unit(scene)
+        self.request = replace(request, unit=self.given_unit)
+        self.electrodes = list(readings)
+        chosen = dict(readings)
+        for name in KNOWN:
+            column = choose_quantity(table, name)
+            if column is not None:
+                chosen[name] = column
         #: Columns with known quantities.
-        self.known_columns = [name for name in KNOWN if name in columns]
-        no_touches = Touches.make_empty(np.array([], dtype=object), (), "total")
-        added = list(no_touches.to_table())
-        self.output_columns = [*self.copied, *added]
-        clashes = [name for name in added if name in self.copied]
-        if clashes:
-            raise InputError(*(_describe_clash(options.csv, name) for name in clashes))
+        self.known_columns = [name for name in KNOWN if name in chosen]
+        self.numbers = NumberColumns(table, list(chosen.values()))
+        self.names = list(chosen)
+        #: Indices of the columns that are copied to the output, by their names there.
+        self.copied = _name_copied_columns(table, [column.index for column in chosen.values()])
+        self.output_columns = [*self.copied, *_list_touch_columns()]
+        self.malformed: list[str] = []
         #: Known quantities that are the same in all rows.
         self.known = {
             name: value
             for name, value in get_scene_quantities(scene).items()
-            if name not in request.unknown and name not in columns
+            if name not in request.unknown and name not in chosen
         }
         any_charge_pC = np.pi  # only a placeholder, since each row is checked later
         readings_pC = dict.fromkeys(self.electrodes, any_charge_pC)
-        require_locatable({options.scene: scene}, request, readings_pC, self.known)
-        self.response = load_or_build_response(scene, options.scene, request.response)
+        require_locatable({options.scene: scene}, self.request, readings_pC, self.known)
+        self.response = load_or_build_response(
+            scene,
+            options.scene,
+            request.response,
+            with_sensitivities=request.include_calibration,
+        )
+        #: Lowest and highest readings at which channels have turned out to clip.
+        self.limits: dict[str, tuple[float, float]] = {}
+        self._is_unit_settled = False
 
-    def locate(self, rows: Sequence[Row]) -> list[dict[str, Any]]:
-        """Locate rows, and return for each row the cells of the output by column.
+    def _settle_unit(self, numbers: Mapping[str, Array]) -> None:
+        """Choose the unit of the readings, until a touch explains some of them.
 
-        The output cells of an incomplete row have the status malformed instead of a touch.
+        Parameters
+        ----------
+        numbers : mapping of str to ndarray, shape (rows,)
+            Readings by electrode, and known quantities.
+
+        Raises
+        ------
+        InputError
+            If the readings are not in the unit that was given.
+        """
+        if self._is_unit_settled:
+            return
+        self.unit = choose_unit(
+            self.response,
+            {name: numbers[name] for name in self.electrodes},
+            self.given_unit,
+            self.numbers.table.name,
+            request=self.request,
+            known=self._collect_known(numbers),
+        )
+        self.request = replace(self.request, unit=self.unit)
+
+    def _collect_known(self, numbers: Mapping[str, Array]) -> dict[str, Any]:
+        """Collect the known quantities of some rows, by the arguments of `locate_many`."""
+        known = {}
+        row_count = len(numbers[self.electrodes[0]])
+        for name, value in self.known.items():
+            known[KNOWN[name]] = np.full(row_count, value)
+        for name in self.known_columns:
+            known[KNOWN[name]] = numbers[name]
+        return known
+
+    def locate(self, rows: Sequence[Row]) -> Iterator[list[dict[str, Any]]]:
+        """Locate rows, and yield for some rows at a time the cells of the output by column.
+
+        If a row cannot be read, the output has the reason as remark instead of a touch; its status
+        is ``malformed`` if the row is, and ``not_finite`` if one of its cells is not a number.
+        """
+        numbers, notes = self._read_numbers(rows)
+        self._settle_unit(numbers)
+        self._find_limits(numbers)
+        step = len(rows) if self.is_quick else CALIBRATED_ROWS
+        for start in range(0, len(rows), step):
+            part = slice(start, start + step)
+            located = self._locate_numbers({name: numbers[name][part] for name in numbers})
+            yield self._make_cells(rows[part], notes[part], located)
+
+    def _find_limits(self, numbers: Mapping[str, Array]) -> None:
+        """Find the readings at which channels clip, though the scene has no ``readout.range_V``.
+
+        Parameters
+        ----------
+        numbers : mapping of str to ndarray, shape (rows,)
+            Readings by electrode; other quantities are ignored.
+        """
+        from pvdf_fem.electrodes.channel import make_channels
+        from pvdf_fem.inverse.clipping import find_plateaus
+
+        channels = [each for each in make_channels(self.scene) if each.name in self.electrodes]
+        readings = np.stack([numbers[channel.name] for channel in channels], axis=1)
+        found = find_plateaus(readings, channels, self.unit)
+        pairs = zip(found.low.tolist(), found.high.tolist(), strict=True)
+        for channel, (low, high) in zip(channels, pairs, strict=True):
+            known_low, known_high = self.limits.get(channel.name, (-np.inf, np.inf))
+            self.limits[channel.name] = (max(low, known_low), min(high, known_high))
+
+    def _locate_numbers(self, numbers: Mapping[str, Array]) -> dict[str, list[Any]]:
+        """Locate touches, and return the columns of the output that describe them.
+
+        Parameters
+        ----------
+        numbers : mapping of str to ndarray, shape (rows,)
+            Readings by electrode, and known quantities.
         """
         from pvdf_fem.inverse.touch.locate_many import locate_many
 
-        known: dict[str, Any] = {}
-        for name, value in self.known.items():
-            known[KNOWN[name]] = np.full(len(rows), value)
-        for name in self.known_columns:
-            known[KNOWN[name]] = _read_column(rows, name)
         touches = locate_many(
             self.response,
-            {name: _read_column(rows, name) for name in self.electrodes},
+            {name: numbers[name] for name in self.electrodes},
             self.request.sigma,
             noise_pC=self.request.noise_pC(self.scene),
             reading=self.request.reading,
-            unit=self.request.unit,
+            unit=self.unit,
+            limits=self.limits,
+            include_calibration=self.request.include_calibration,
             calibrated=not self.is_quick,
-            **known,
-        ).to_table()
-        columns = {name: column.tolist() for name, column in touches.items()}
+            **self._collect_known(numbers),
+        )
+        self._is_unit_settled |= bool(touches.explained.any())
+        return {name: column.tolist() for name, column in touches.to_table().items()}
+
+    def _make_cells(
+        self, rows: Sequence[Row], notes: Sequence[_RowNote], columns: Mapping[str, list[Any]]
+    ) -> list[dict[str, Any]]:
+        """Make the cells of the output by column, for each of some rows.
+
+        Parameters
+        ----------
+        rows : sequence of Row
+            Rows of the table, from which columns are copied.
+        notes : sequence of _RowNote
+            Notes about the cells of each row.
+        columns : mapping of str to list
+            Columns of the output that describe the touches.
+        """
         located = []
         for i, row in enumerate(rows):
-            cells = {name: row.cells.get(name) for name in self.copied}
-            if row.is_complete:
-                cells |= {name: to_plain(column[i]) for name, column in columns.items()}
+            cells = dict.fromkeys(self.copied)
+            for name, index in self.copied.items():
+                if index < len(row.cells):
+                    cells[name] = row.cells[index]
+            if row.defect:
+                cells |= _make_malformed_row_cells(columns, notes[i].text)
             else:
-                cells |= _make_malformed_row_cells(columns)
+                cells |= {name: to_plain(column[i]) for name, column in columns.items()}
+                cells["remark"] = notes[i].add_to(str(cells["remark"]))
             located.append(cells)
         return located
 
+    def report_cells(self) -> None:
+        """Print the first malformed rows, and words in place of numbers, on standard error."""
+        name = self.numbers.table.name
+        for reason in self.malformed:
+            print(f"{name}: {reason}", file=sys.stderr)
+        words = describe_words(self.numbers)
+        if words:
+            print(f"{name}: missing readings: {words}", file=sys.stderr)
 
-def _make_malformed_row_cells(columns: dict[str, Any]) -> dict[str, Any]:
-    """Return the cells for a malformed row: a status, an empty remark, and None otherwise."""
+    def _read_numbers(self, rows: Sequence[Row]) -> tuple[dict[str, Array], list[_RowNote]]:
+        """Read the numbers of rows.
+
+        Returns
+        -------
+        numbers : dict of str to ndarray, shape (rows,)
+            Readings by electrode, and known quantities; NaN where missing or malformed. Readings
+            that are marked as beyond the range of an instrument are infinite.
+        notes : list of _RowNote
+            Notes about the cells of each row.
+        """
+        values = np.full((len(rows), len(self.names)), np.nan)
+        notes = []
+        for i, row in enumerate(rows):
+            try:
+                values[i] = self.numbers.read(row)
+                words = self.numbers.describe_words(row, values[i])
+                notes.append(_RowNote(escape_unprintable(words), is_refused=False))
+            except CellError as error:
+                reason = escape_unprintable(str(error))
+                notes.append(_RowNote(reason, is_refused=True))
+                if len(self.malformed) < MAX_MALFORMED:
+                    self.malformed.append(reason)
+        return dict(zip(self.names, values.T, strict=True)), notes
+
+
+def _list_touch_columns() -> list[str]:
+    """Return the names of the columns of the output that describe touches."""
+    from pvdf_fem.inverse.touch.touches import Touches
+
+    no_touches = Touches.make_empty(np.array([], dtype=object), (), "total")
+    return list(no_touches.to_table())
+
+
+def _name_copied_columns(table: Table, used: Sequence[int]) -> dict[str, int]:
+    """Return the indices of the columns that are copied to the output, by their names there.
+
+    A column with the name of a column of touches, such as the true ``x_mm`` of a dataset, is copied
+    as ``given_x_mm``.
+
+    Parameters
+    ----------
+    table : Table
+        The table of readings.
+    used : sequence of int
+        Indices of the columns with readings and known quantities, which are not copied.
+
+    Raises
+    ------
+    InputError
+        If two columns would have the same name.
+    """
+    added = _list_touch_columns()
+    copied: dict[str, int] = {}
+    for index, column in enumerate(table.columns):
+        if index in used:
+            continue
+        name = f"given_{column.heading}" if column.heading in added else column.heading
+        if name in copied:
+            raise InputError(f"{table.name}: column {name}: occurs twice in the output; rename one")
+        copied[name] = index
+    return copied
+
+
+def _make_malformed_row_cells(columns: Iterable[str], reason: str) -> dict[str, Any]:
+    """Return the cells for a malformed row: a status, the reason as remark, and None otherwise."""
     from pvdf_fem.inverse.touch.touch import TouchStatus
 
-    return {**dict.fromkeys(columns), "status": str(TouchStatus.MALFORMED), "remark": ""}
-
-
-def _describe_clash(file: str, column: str) -> str:
-    """Return the error message about an input column with the name of an output column."""
-    return (
-        f"{file}: column {column}: has the name of a column of the output; rename it, such as to "
-        f"given_{column}"
-    )
-
-
-def _read_column(rows: Sequence[Row], column: str) -> Array:
-    """Return the numbers in a column of several rows, NaN for cells that are not finite numbers."""
-    return np.array([parse_cell(row.cells.get(column)) for row in rows])
+    return {**dict.fromkeys(columns), "status": str(TouchStatus.MALFORMED), "remark": reason}
 
 
 def _list_mistakes(remark: str) -> list[str]:
@@ -193,12 +384,28 @@ def _list_mistakes(remark: str) -> list[str]:
     return [part for part in remark.split("; ") if part.startswith(MISTAKE_PREFIX)]
 
 
-def _count_lines(source: Path | None) -> int:
-    """Count the lines of a file; 0 for standard input, whose length is unknown."""
-    if source is None:
-        return 0
-    with source.open("rb") as file:
-        return sum(1 for _ in file)
+def _print_clipped(
+    clipped: Counter[str], limits: Mapping[str, tuple[float, float]], unit: str
+) -> None:
+    """Print on standard error which channels are clipped, where, and what to do.
+
+    Parameters
+    ----------
+    clipped : Counter of str
+        Number of clipped readings by electrode.
+    limits : mapping of str to tuple of float
+        Lowest and highest readings at which channels have turned out to clip; infinite for none.
+    unit : str
+        Unit of the limits.
+    """
+    from pvdf_fem.inverse.clipping import CLIPPED_ADVICE
+
+    parts = []
+    for name, count in sorted(clipped.items()):
+        ends = [f"{end:.6g} {unit}" for end in limits.get(name, ()) if np.isfinite(end)]
+        place = f" at {' and '.join(ends)}" if ends else ""
+        parts.append(f"{name}{place} in {count} {'row' if count == 1 else 'rows'}")
+    print(f"clipped: {', '.join(parts)}; {CLIPPED_ADVICE}", file=sys.stderr)
 
 
 def _print_summary(counts: Counter[str], mistakes: Counter[str]) -> int:

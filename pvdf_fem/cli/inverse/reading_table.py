@@ -1,67 +1,44 @@
-"""Streaming tables: reading rows as they arrive, and writing rows one after the other."""
+"""Tables of readings for commands, and writing rows of results one after the other."""
 
 from __future__ import annotations
 
 import csv
-import itertools
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
-from pvdf_fem.cli.options import read_number
 from pvdf_fem.cli.program import InputError
-from pvdf_fem.files import (
-    FileError,
-    open_regular_file,
-    read_csv_rows,
-    replace_file,
-    require_utf8_lines,
-)
+from pvdf_fem.files import escape_unprintable, replace_file
+from pvdf_fem.readings.columns import Column
+from pvdf_fem.readings.formats import open_table
+from pvdf_fem.readings.selection import ChosenColumn, NumberColumns, choose_readings, is_time_column
+from pvdf_fem.readings.table import Table
+from pvdf_fem.readings.text.header import make_name_test
 
-MAX_ROW_BYTES = 1 << 20  #: Maximum size of a CSV line or of a JSON object.
-CHUNK_BYTES = 1 << 18  #: Maximum number of bytes that are read at once; a pipe may return fewer.
-EXTENSIONS = [".csv", ".json", ".jsonl"]
+if TYPE_CHECKING:
+    from pvdf_fem.readings.loggers.open_recording import RecordingOptions
+    from pvdf_fem.readings.recording import Recording
 
-
-class Row(NamedTuple):
-    """A row of a table."""
-
-    cells: dict[str, Any]  #: Cells by column; a CSV row may lack cells, a JSON object any of them.
-    #: Whether a CSV row has as many cells as the header, or the row is an object in JSON.
-    is_complete: bool
+EXTENSIONS = [".csv", ".json", ".jsonl"]  #: Extensions of the tables that commands write.
+MAX_MALFORMED = 3  #: Maximum number of malformed rows that are named.
+MAX_WORDS = 8  #: Maximum number of words in place of numbers that are named.
 
 
-def choose_format(path: Path | None, as_json: bool) -> str:
-    """Choose the format of a table by the extension of its file.
+def open_readings(
+    stack: ExitStack,
+    source: Path | None,
+    table_format: str,
+    electrodes: Sequence[str],
+    options: RecordingOptions,
+) -> Table:
+    """Open a table of readings and read its header, or open the file of a logger.
 
-    Parameters
-    ----------
-    path : Path or None
-        Path of the file, or None for standard input or output.
-    as_json : bool
-        Whether standard input and output are JSON. It is ignored for a file.
-
-    Returns
-    -------
-    str
-        One of `EXTENSIONS`. A file with any other extension is CSV.
-    """
-    if path is None:
-        return ".json" if as_json else ".csv"
-    extension = path.suffix.lower()
-    return extension if extension in EXTENSIONS else ".csv"
-
-
-def read_rows(
-    stack: ExitStack, source: Path | None, table_format: str, electrodes: Sequence[str]
-) -> tuple[list[str], Iterator[list[Row]]]:
-    """Read the names of the columns of a table, and return an iterator that reads its rows.
-
-    If some electrodes have no column, a warning is printed on standard error.
+    Notes about the file of a logger are printed on standard error, those that come up while it is
+    read when `stack` is closed.
 
     Parameters
     ----------
@@ -73,63 +50,89 @@ def read_rows(
         Format of the table, one of `EXTENSIONS`.
     electrodes : sequence of str
         Names of the sensor's electrodes.
+    options : RecordingOptions
+        Names of further columns, such as ``force_N``; and channels and the like of the file of a
+        logger, which is recognised by its first bytes.
 
-    Returns
-    -------
-    columns : list of str
-        Names of the columns.
-    batches : iterator of list of Row
-        Each list has the rows that have arrived since the previous list.
+    Raises
+    ------
+    FileError
+        If the file cannot be read, or is neither a table nor the file of a logger.
+    """
+    if source is not None:
+        from pvdf_fem.readings.loggers.open_recording import open_recording
+        from pvdf_fem.readings.loggers.recording_table import make_table
+
+        recording = open_recording(source, stack, electrodes, options)
+        if recording is not None:
+            stack.callback(_print_notes, recording, len(recording.notes))
+            _print_notes(recording, 0)
+            return make_table(recording)
+    has_name = make_name_test([*electrodes, *options.quantities])
+
+    def is_wanted(column: Column) -> bool:
+        return has_name(column) or is_time_column(column)
+
+    table = open_table(stack, source, table_format, is_wanted)
+    for note in table.notes:
+        print(f"{table.name}: {note}", file=sys.stderr)
+    return table
+
+
+def _print_notes(recording: Recording, first: int) -> None:
+    """Print the notes about a recording from the one with an index on."""
+    for note in recording.notes[first:]:
+        print(f"{recording.name}: {note}", file=sys.stderr, flush=True)
+
+
+def count_lines(source: Path | None) -> int:
+    """Count the lines of a file; 0 for standard input, whose length is unknown."""
+    if source is None:
+        return 0
+    with source.open("rb") as file:
+        return sum(1 for _ in file)
+
+
+def choose_electrode_columns(
+    table: Table, electrodes: Sequence[str], unit: str | None
+) -> tuple[dict[str, ChosenColumn], str | None]:
+    """Return the columns of electrodes and the unit of their readings, see `choose_readings`.
+
+    If some electrodes have no column, a warning is printed on standard error.
 
     Raises
     ------
     InputError
-        If no column has the name of an electrode, or if standard input is closed.
+        If no electrode has a column.
     FileError
-        If the file is not a table; for later rows while iterating over `batches`.
+        If columns are ambiguous, or their units do not fit.
     """
-    if source is None and sys.stdin is None:
-        raise InputError("standard input: is closed; redirect it from a file")
-    if source is None:
-        stream: BinaryIO = sys.stdin.buffer
-    else:
-        stream = stack.enter_context(open_regular_file(source, "a table"))
-    name = str(source or "standard input")
-    lines = _read_lines(stream, name)
-    first_lines = next(lines, [""])
-    require_utf8_lines(first_lines[0].encode("utf-8", "surrogateescape"), name)
-    parse = _parse_csv if table_format == ".csv" else _parse_json_rows
-    batches = parse(itertools.chain([first_lines], lines), name)
-    header = next(batches, [Row({}, True)])
-    columns = list(header[0].cells)
-    _check_electrode_columns(columns, electrodes, name)
-    return columns, batches
-
-
-def _check_electrode_columns(columns: Sequence[str], electrodes: Sequence[str], name: str) -> None:
-    """Raise `InputError` if no electrode has a column; print a warning if only some have one."""
-    missing = [electrode for electrode in electrodes if electrode not in columns]
-    if len(missing) == len(electrodes):
-        shown = ", ".join(columns)
-        advice = f"name some of {', '.join(electrodes)} in its first line"
-        if ";" in shown or "\t" in shown:
-            advice += "; separate columns by commas"
-        raise InputError(f"{name}: has no electrode among its columns {shown}; {advice}")
+    chosen, unit = choose_readings(table, electrodes, unit)
+    headings = [column.heading for column in table.columns]
+    if not chosen:
+        advice = f"name some of {', '.join(electrodes)} in its header"
+        shown = ", ".join(headings)
+        raise InputError(f"{table.name}: has no electrode among its columns {shown}; {advice}")
+    missing = [electrode for electrode in electrodes if electrode not in chosen]
     if missing:
-        message = f"warning: {name}: has no column for {', '.join(missing)}"
-        others = [repr(column) for column in columns if column not in electrodes]
+        message = f"warning: {table.name}: has no column for {', '.join(missing)}"
+        used = [column.heading for column in chosen.values()]
+        others = [repr(heading) for heading in headings if heading not in used]
         if others:
             message += f"; its other columns are {', '.join(others)}"
         print(message, file=sys.stderr)
+    return chosen, unit
 
 
-def parse_cell(cell: Any) -> float:
-    """Return the number in a cell, which may be a text, or NaN if it is not a finite number."""
-    is_number = isinstance(cell, int | float) and not isinstance(cell, bool)
-    if not is_number and not isinstance(cell, str):
-        return math.nan
-    value = read_number(str(cell).strip())
-    return math.nan if value is None else value
+def describe_words(numbers: NumberColumns) -> str:
+    """Return how often words stood in place of numbers, such as ``A: 12 OVER, B: 1 #DIV/0!``.
+
+    The text is empty if there were none.
+    """
+    parts = []
+    for (heading, word), count in numbers.words.most_common(MAX_WORDS):
+        parts.append(f"{heading}: {count} {escape_unprintable(word)}")
+    return ", ".join(parts)
 
 
 def to_plain(value: Any) -> Any:
@@ -138,16 +141,18 @@ def to_plain(value: Any) -> Any:
     Floats are rounded to nine significant digits, and NaN becomes None. Integers and None are
     returned as they are; anything else becomes a text.
     """
-    if isinstance(value, float):
-        return None if math.isnan(value) else float(f"{value:.9g}")
+    if type(value) is float:
+        return None if value != value else float(f"{value:.9g}")
     if value is None or isinstance(value, int):
         return value
+    if isinstance(value, float):
+        return None if math.isnan(value) else float(f"{value:.9g}")
     return str(value)
 
 
 def open_writer(
     stack: ExitStack, target: Path | None, table_format: str, columns: Sequence[str]
-) -> Callable[[list[dict[str, Any]]], None]:
+) -> Callable[[Iterable[dict[str, Any]]], None]:
     """Open a table for writing, and return a function that writes rows.
 
     Parameters
@@ -164,7 +169,7 @@ def open_writer(
     Returns
     -------
     callable
-        Function that writes a list of rows, each a dictionary by column, and flushes the file.
+        Function that writes rows, each a dictionary by column, and flushes the file.
     """
     file: TextIO = sys.stdout
     if target:
@@ -173,7 +178,7 @@ def open_writer(
             temporary.open("w", encoding="utf-8", errors="surrogateescape", newline="")
         )
     if table_format == ".csv":
-        return _open_csv_writer(file, columns)
+        return _CsvWriter(file, columns)
     if table_format == ".jsonl":
         return _JsonWriter(file, before="", between="", after="\n")
     file.write("[")
@@ -181,18 +186,20 @@ def open_writer(
     return _JsonWriter(file, before="\n", between=",", after="")
 
 
-def _open_csv_writer(
-    file: TextIO, columns: Sequence[str]
-) -> Callable[[list[dict[str, Any]]], None]:
-    """Write the header of a CSV table, and return a function that writes rows."""
-    table = csv.DictWriter(file, columns, extrasaction="ignore", lineterminator="\n")
-    table.writeheader()
+class _CsvWriter:
+    """A writer of rows as lines of CSV, which begins with the header."""
 
-    def write(rows: list[dict[str, Any]]) -> None:
-        table.writerows(rows)
-        file.flush()
+    def __init__(self, file: TextIO, columns: Sequence[str]) -> None:
+        self.file = file
+        self.columns = tuple(columns)
+        self.table = csv.writer(file, lineterminator="\n")
+        self.table.writerow(self.columns)
 
-    return write
+    def __call__(self, rows: Iterable[dict[str, Any]]) -> None:
+        """Write rows and flush the file."""
+        for row in rows:
+            self.table.writerow([row.get(name) for name in self.columns])
+        self.file.flush()
 
 
 class _JsonWriter:
@@ -204,108 +211,13 @@ class _JsonWriter:
         self.between = between
         self.after = after
         self.is_first = True
+        self.encode = json.JSONEncoder(allow_nan=False).encode
 
-    def __call__(self, rows: list[dict[str, Any]]) -> None:
+    def __call__(self, rows: Iterable[dict[str, Any]]) -> None:
         """Write rows and flush the file."""
         for row in rows:
             if not self.is_first:
                 self.file.write(self.between)
             self.is_first = False
-            text = json.dumps(row, allow_nan=False)
-            self.file.write(f"{self.before}{text}{self.after}")
+            self.file.write(f"{self.before}{self.encode(row)}{self.after}")
         self.file.flush()
-
-
-def _parse_csv(batches: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
-    """Parse batches of lines of a CSV table into batches of rows, as they arrive.
-
-    The first batch is a single row without values, which has the columns of the header. A
-    `FileError` is raised if a column occurs twice.
-    """
-    header, *first_lines = next(batches)
-    columns = [column.strip() for column in _split_cells(header, header)]
-    for column in sorted(columns):
-        if columns.count(column) > 1:
-            raise FileError(f"{name}: column {column} occurs twice; rename one")
-    yield [Row(dict.fromkeys(columns), True)]
-    if first_lines:
-        batches = itertools.chain([first_lines], batches)
-    for batch in batches:
-        rows = []
-        for line in batch:
-            cells = _split_cells(line, header)
-            is_complete = len(cells) == len(columns)
-            rows.append(Row(dict(zip(columns, cells, strict=False)), is_complete))
-        yield rows
-
-
-def _split_cells(line: str, header: str) -> list[str]:
-    """Split a line of CSV into cells; no cells if the line is invalid, as by a missing quote."""
-    try:
-        return next(read_csv_rows([line], header), [])
-    except csv.Error:
-        return []
-
-
-def _parse_json_rows(lines: Iterator[list[str]], name: str) -> Iterator[list[Row]]:
-    """Yield a list with the first JSON object as a header, then lists of objects as they arrive.
-
-    The text is a list of objects, or has an object on each line. An object may extend over several
-    lines. A `FileError` is raised if the text is not JSON; values that are not objects are
-    incomplete rows without cells.
-    """
-    text = ""
-    is_header_due = True
-    for batch in lines:
-        rows: list[Row] = []
-        for line in batch:
-            text += line
-            try:
-                objects = _DECODER.decode(f"[{text.strip(_AROUND_OBJECTS)}]")
-            except (ValueError, RecursionError):  # the object may continue in the next line
-                if len(text) > MAX_ROW_BYTES:
-                    break
-                continue
-            text = ""
-            for value in objects:
-                is_object = isinstance(value, dict)
-                rows.append(Row(value if is_object else {}, is_object))
-        if rows and is_header_due:
-            is_header_due = False
-            yield [Row(rows[0].cells, True)]
-        if rows:
-            yield rows
-    if text:
-        raise FileError(
-            f"{name}: is not JSON from {text[:40]} on; give a list of objects, each on a line"
-        )
-
-
-def _parse_finite_number(text: str) -> float | None:
-    """Parse a number of JSON; return None if it is not finite."""
-    value = float(text)
-    return value if math.isfinite(value) else None
-
-
-_DECODER = json.JSONDecoder(parse_float=_parse_finite_number, parse_constant=_parse_finite_number)
-_AROUND_OBJECTS = "[], \t"  #: Characters around the objects of a list, which are stripped.
-
-
-def _read_lines(stream: BinaryIO, name: str) -> Iterator[list[str]]:
-    """Yield lists of the lines that have arrived since the previous list, without blank lines."""
-    rest = b""
-    while chunk := stream.read1(CHUNK_BYTES):  # type: ignore[attr-defined]
-        *lines, rest = (rest + chunk).split(b"\n")
-        if len(rest) > MAX_ROW_BYTES:
-            raise FileError(f"{name}: has a line of more than {MAX_ROW_BYTES} bytes; give a table")
-        texts = [_decode_line(line) for line in lines if line.strip()]
-        if texts:
-            yield texts
-    if rest.strip():
-        yield [_decode_line(rest)]
-
-
-def _decode_line(line: bytes) -> str:
-    """Decode a line as UTF-8, without a line end or byte order mark; invalid bytes are escaped."""
-    text = line.decode("utf-8", "surrogateescape")
-    return text.removesuffix("\r").removeprefix("\ufeff")

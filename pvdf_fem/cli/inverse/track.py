@@ -4,15 +4,32 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, fields
+from dataclasses import fields
+from functools import cache
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pvdf_fem.cli.inverse.calibration_option import add_calibration_option
 from pvdf_fem.cli.inverse.locate_request import UNKNOWN_HELP, parse_unknowns
-from pvdf_fem.cli.inverse.reading_table import Row, open_writer, parse_cell, read_rows, to_plain
+from pvdf_fem.cli.inverse.reading_table import (
+    MAX_MALFORMED,
+    choose_electrode_columns,
+    describe_words,
+    open_readings,
+    open_writer,
+    to_plain,
+)
+from pvdf_fem.cli.inverse.recording_options import add_recording_options, make_recording_options
+from pvdf_fem.cli.inverse.unit_option import (
+    add_unit_option,
+    parse_unit_option,
+    require_valid_unit,
+)
 from pvdf_fem.cli.options import add_scene_command, add_text_option, read_scene
 from pvdf_fem.cli.program import ExitCode, InputError, convert_value_errors
 from pvdf_fem.cli.response_choice import (
@@ -21,28 +38,37 @@ from pvdf_fem.cli.response_choice import (
     load_or_build_response,
 )
 from pvdf_fem.files import escape_unprintable
+from pvdf_fem.readings.formats import choose_format
+from pvdf_fem.readings.selection import ChosenColumn, NumberColumns, choose_times
+from pvdf_fem.readings.table import Row, Table
+from pvdf_fem.readings.text.numbers import CellError
 
 if TYPE_CHECKING:
     from pvdf_fem.inverse.tracking.results import TrackRow
     from pvdf_fem.inverse.tracking.tracker import Tracker
 
-TIME_UNITS_S = {"t_s": 1.0, "t_ms": 1e-3}  #: Units in s by the possible columns of times.
-STATUSES_WITHOUT_TOUCH = ("", "quiet", "settling")
+#: Statuses of touches without a position that can be relied on.
+UNLOCATED_STATUSES = ("settling", "starting", "unexplained")
 #: Statuses of touches that may be due to a wrong unit of the readings.
 DOUBTFUL_STATUSES = ("too_strong", "unexplained")
-#: Texts of cells that mean a missing reading.
-MISSING = {"", "nan", "NaN"}
 
 _DESCRIPTION = """\
-Follow touches in sampled readings of the scene's channels ([readout]): when they
+Follow touches in sampled readings of the scene's channels, in V if the scene has a
+[readout], and in pC if not, unless readout.unit or --unit says otherwise: when they
 begin and end, where they are (on the [stage]) and their force, with standard
 deviations. Charge that is lost through resistances is integrated and added again;
 offsets and slow drifts are followed while nothing touches.
 
-The signals are a CSV file with a column t_s, or t_ms, and one for each electrode, or -
-for standard input, which may be a live pipe: each row is answered at once by a
-row of CSV, and each touch that has ended by a line on standard error. An empty
-cell or nan is a missing reading; other columns are ignored.
+The signals are a table with a column t_s, t_ms, t_us, or of times of day, and one for
+each electrode, or - for standard input, which may be a live pipe: each row is
+answered at once by a row of CSV, and each touch that has ended by a line on standard
+error. Tables are read as instruments and spreadsheets write them, with any separator,
+decimal commas, header blocks and units. An empty cell, nan or a word such as OVER is
+a missing reading; other columns are ignored.
+
+The files of loggers are read as well, with times, rate and units as they have them:
+TDMS, LVM, XDF, MCAP, ROS 2 bags, HDF5, MATLAB, WAV and Parquet. Their packages come
+by: pip install "pvdf-fem[loggers]".
 
 A response is needed, as for `locate`: the first call builds it, says how long that
 takes, and stores it beside the scene file."""
@@ -56,16 +82,23 @@ status of a row, and of a touch that has ended:
   too_light, too_strong   the force is outside --force-range; the place is that of
                earlier samples
   unexplained  no touch of this probe gives such charges
-  lost         a touch can no longer be distinguished from the drift, or the readings
-               paused
-  clock        the time did not increase, and the tracker restarts
-  malformed    a cell is not a number, or there is no time; the row is skipped
+  clipped      too many channels were at the end of their range at the peak
+  lost         a touch can no longer be distinguished from the drift, or readings are
+               missing where its force may have been largest
+  malformed    a cell is not a number; the row is skipped
+
+Repeated, exchanged, jittered and missing times, gaps, spikes, clipped and frozen
+channels, and mains hum (readout.mains_Hz) are found and repaired; each kind is said
+once on standard error.
 
 examples:
   pvdf-fem track sensor.toml signals.csv > rows.csv
   my-logger | pvdf-fem track sensor.toml - --json
+  pvdf-fem track sensor.toml recording.tdms --channels A=Group/ai0,B=Group/ai1 > rows.csv
+  pvdf-fem track sensor.toml recording.wav --full-scale 2.5 > rows.csv
 
-exit codes: 0 done, 2 bad input, or no row that can be used"""
+exit codes: 0 done, 2 bad input, or no row that can be used, 3 a touch was not located,
+or the baseline was never learned"""
 
 
 def add_parser(commands: Any) -> None:
@@ -79,11 +112,11 @@ def add_parser(commands: Any) -> None:
         epilog=_EPILOG,
         json_help="print a JSON object for each row and touch",
     )
-    parser.add_argument("signals", metavar="SIGNALS.csv", help="readings, or - for standard input")
-    parser.add_argument(
-        "--unit", choices=["V", "pC"], default="V", help="unit of the readings (default: V)"
-    )
+    parser.add_argument("signals", metavar="SIGNALS", help="readings, or - for standard input")
+    add_unit_option(parser, is_tested=False)
     add_text_option(parser, "--unknown", "NAMES", about=UNKNOWN_HELP, default="x,y,force")
+    add_calibration_option(parser)
+    add_recording_options(parser)
     add_response_options(parser)
 
 
@@ -97,6 +130,7 @@ def run(options: argparse.Namespace) -> int:
         errors.
     """
     scene = read_scene(options)
+    from pvdf_fem.electrodes.channel import find_unit_errors
     from pvdf_fem.inverse.tracking.tracker import Tracker
     from pvdf_fem.problem.problem import Problem
     from pvdf_fem.solver.adaptive import compute_unloaded_integrals
@@ -108,136 +142,198 @@ def run(options: argparse.Namespace) -> int:
         errors.append("--unknown: the force of a touch is always unknown; name it")
     if scene.single_probe is None:
         errors.append(f"{options.scene}: has no [probe]; add one")
-    if options.unit == "V" and scene.readout is None:
-        errors.append(f"--unit V: {options.scene} has no [readout]; add one, or give pC")
+    unit = parse_unit_option(options.unit)
+    errors += find_unit_errors(scene, unit, "--unit")
+    recording_options = make_recording_options(options, scene, errors)
     if errors:
         raise InputError(*errors)
     # This raises an error if the film has no unloaded equilibrium, before a response is built.
     compute_unloaded_integrals(Problem.from_scene(scene))
     electrodes = [electrode.name for electrode in scene.electrode_list]
     source = None if options.signals == "-" else Path(options.signals)
-    name = str(source or "standard input")
     with ExitStack() as stack:
-        columns, batches = read_rows(stack, source, ".csv", electrodes)
-        time_column = _find_time_column(columns, name)
+        table_format = choose_format(source, False)
+        table = open_readings(stack, source, table_format, electrodes, recording_options)
+        columns, unit = choose_electrode_columns(table, electrodes, unit)
+        require_valid_unit(scene, unit, table.name)
+        times = _choose_time_column(table)
         errors = choice.find_errors(scene, options.scene)
         if errors:
             raise InputError(*errors)
-        response = load_or_build_response(scene, options.scene, choice)
+        includes_calibration = not options.without_calibration
+        response = load_or_build_response(
+            scene, options.scene, choice, with_sensitivities=includes_calibration
+        )
         with convert_value_errors():
-            tracker = Tracker(response, unknown=unknown, unit=options.unit)
-        session = _Session(tracker, name, options, stack)
-        for batch in batches:
-            for row in batch:
-                session.process(row, time_column, electrodes)
+            tracker = Tracker(
+                response, unknown=unknown, unit=unit, include_calibration=includes_calibration
+            )
+        numbers = NumberColumns(table, [times, *columns.values()])
+        session = _Session(tracker, numbers, list(columns), options, stack, unit=unit)
+        for batch in table.batches:
+            session.process(batch)
     return session.finish()
 
 
-def _find_time_column(columns: Sequence[str], name: str) -> str:
-    """Return the name of the column with times; raise `InputError` if there is none."""
-    for column in TIME_UNITS_S:
-        if column in columns:
-            return column
-    if "t" in columns:
-        raise InputError(f"{name}: has a column t; name it t_s or t_ms")
-    raise InputError(f"{name}: has no column t_s or t_ms; give the times in s or ms there")
+def _choose_time_column(table: Table) -> ChosenColumn:
+    """Return the column of times; raise `InputError` if there is none."""
+    column = choose_times(table)
+    if column is None:
+        raise InputError(
+            f"{table.name}: has no column of times; name it t_s, t_ms or t_us, by its unit"
+        )
+    return column
 
 
 class _Session:
-    """A tracker with its output: rows on standard output, and messages on standard error."""
+    """A tracker with its output: rows on standard output, and messages on standard error.
+
+    Parameters
+    ----------
+    tracker : Tracker
+        The tracker.
+    numbers : NumberColumns
+        Reader of the time and of the readings in each row.
+    electrodes : sequence of str
+        Names of the electrodes whose readings follow the time.
+    options : argparse.Namespace
+        Options of the command.
+    stack : ExitStack
+        Context in which rows are written.
+    unit : str or None
+        Unit of the readings; None for that of the readout.
+    """
 
     def __init__(
-        self, tracker: Tracker, name: str, options: argparse.Namespace, stack: ExitStack
+        self,
+        tracker: Tracker,
+        numbers: NumberColumns,
+        electrodes: Sequence[str],
+        options: argparse.Namespace,
+        stack: ExitStack,
+        unit: str | None,
     ) -> None:
+        from pvdf_fem.electrodes.channel import get_reading_unit
         from pvdf_fem.inverse.tracking.results import TrackRow
 
         self.tracker = tracker
-        self.name = name  #: Of the table, for messages.
+        self.numbers = numbers
+        self.electrodes = tuple(electrodes)
+        self.name = numbers.table.name
         self.as_json = options.json
-        self.unit_doubt = f"; are the readings in {options.unit}, as --unit says?"
+        unit = unit or get_reading_unit(tracker.response.scene)
+        self.unit_doubt = f"; are the readings in {unit}? If not, give --unit"
         columns = [field.name for field in fields(TrackRow)]
         self.write = open_writer(stack, None, ".jsonl" if options.json else ".csv", columns)
         self.rows = 0
         self.malformed_rows = 0
+        self.timed_rows = 0  #: Number of rows that have a time and are not malformed.
         self.reported_touches = 0
-        self.last_status = ""
         self.has_announced_settling = False
+        self.printed_notes: set[str] = set()
 
-    def process(self, row: Row, time_column: str, electrodes: Sequence[str]) -> None:
-        """Update the tracker by a row of readings, and report the result and ended touches.
+    def process(self, rows: Sequence[Row]) -> None:
+        """Update the tracker by rows of readings, and write the results and the ended touches.
 
         A row of results is written for each row. A malformed row does not change the tracker.
 
         Parameters
         ----------
-        row : Row
-            Row of the input with texts as cells.
-        time_column : str
-            Name of the column with times, one of `TIME_UNITS_S`.
-        electrodes : sequence of str
-            Names of the columns with readings.
+        rows : sequence of Row
+            The rows that have arrived.
         """
+        self.write(self._track(rows))
+
+    def _track(self, rows: Sequence[Row]) -> Iterator[dict[str, Any]]:
+        """Yield the results of rows as plain values, and with ``--json`` the ended touches."""
         from pvdf_fem.inverse.touch.touch import TouchStatus
         from pvdf_fem.inverse.tracking.results import TrackRow
 
-        self.rows += 1
-        columns = (time_column, *electrodes)
-        sample = {column: row.cells.get(column, "").strip() for column in columns}
-        values = {column: parse_cell(text) for column, text in sample.items()}
-        t_s = TIME_UNITS_S[time_column] * values.pop(time_column)
-        defect = _find_defect(row, sample, time_column)
-        if defect:
-            self._report_malformed_row(defect, len(row.cells))
-            self.write([_to_plain_row(TrackRow(t_s, TouchStatus.MALFORMED))])
-        else:
-            tracked = self.tracker.update(t_s, values)
-            self.write([_to_plain_row(tracked)])
-            self.last_status = tracked.status
-            self._announce_settling(tracked)
-        self._report_touches()
+        for row in rows:
+            self.rows += 1
+            try:
+                t_s, readings = self._read_sample(row)
+            except CellError as error:
+                self._report_malformed_row(str(error))
+                t_s = self.numbers.read_cell_or_nan(row, 0)
+                yield _to_plain_row(TrackRow(t_s, TouchStatus.MALFORMED))
+                continue
+            self.timed_rows += math.isfinite(t_s)
+            tracked = self.tracker.update(t_s, readings)
+            yield _to_plain_row(tracked)
+            if tracked.status == "settling":
+                self._announce_settling()
+            if len(self.tracker.touches) > self.reported_touches:
+                yield from self._report_touches()
+                self._print_notes()
+
+    def _read_sample(self, row: Row) -> tuple[float, dict[str, float]]:
+        """Return the time in s and the readings by electrode of a row.
+
+        Readings that are marked as beyond the range of an instrument are missing, and so may be the
+        time. `CellError` is raised if the row is malformed.
+        """
+        t_s, *readings = self.numbers.read(row)
+        values = [value if math.isfinite(value) else math.nan for value in readings]
+        return t_s, dict(zip(self.electrodes, values, strict=True))
 
     def finish(self) -> int:
-        """Print messages about the whole stream on standard error, and return the exit code.
+        """Finish the tracker, report the whole stream on standard error, and return the exit code.
 
-        They are about malformed rows, and about a touch that has not ended or the lack of any
-        touch. If all rows are malformed, the exit code is `ExitCode.BAD_INPUT`.
+        If no row can be used, the exit code is `ExitCode.BAD_INPUT`. If a touch was not located
+        or the baseline was never learned, it is `ExitCode.NOT_CONVERGED`.
         """
+        last = self.tracker.finish()
+        self.write(self._report_touches())
         if self.malformed_rows:
             count = f"{self.malformed_rows} of {self.rows} rows are malformed"
             self._print_message(f"{self.name}: {count} and were skipped")
-            if self.malformed_rows == self.rows:
-                return ExitCode.BAD_INPUT
-        if self.last_status not in STATUSES_WITHOUT_TOUCH:
-            self._print_message(
-                f"{self.name}: a touch has not ended at the last row ({self.last_status})"
-            )
-        elif not self.reported_touches:
+        words = describe_words(self.numbers)
+        if words:
+            self._print_message(f"{self.name}: missing readings: {words}")
+        if self.rows and not self.timed_rows:
+            self._print_message(f"{self.name}: no row has a time and readings; nothing is tracked")
+            return ExitCode.BAD_INPUT
+        self._print_notes()
+        touches = self.tracker.touches
+        unlocated = [touch for touch in touches if touch.status in UNLOCATED_STATUSES]
+        if unlocated:
+            count = f"{len(unlocated)} of {len(touches)} touches were not located"
+            self._print_message(f"{self.name}: {count}{self.unit_doubt}")
+        elif not touches and last.status != "settling":
             self._print_message(f"{self.name}: nothing touches{self.unit_doubt}")
-        return ExitCode.CONVERGED
+        is_incomplete = bool(unlocated) or last.status == "settling"
+        return ExitCode.NOT_CONVERGED if is_incomplete else ExitCode.CONVERGED
 
-    def _report_malformed_row(self, defect: str, columns: int) -> None:
-        """Count a malformed row, and print a message if it is the first one."""
+    def _print_notes(self) -> None:
+        """Print the notes of the tracker that are new, not only in their numbers."""
+        for note in self.tracker.notes:
+            subject = re.sub(r"\d+", "", note)
+            if subject not in self.printed_notes:
+                self.printed_notes.add(subject)
+                self._print_message(f"{self.name}: {note}")
+
+    def _report_malformed_row(self, reason: str) -> None:
+        """Count a malformed row, and print a message if it is one of the first."""
         self.malformed_rows += 1
-        if self.malformed_rows == 1:
-            advice = f"give {columns} numbers, or nan for missing readings"
-            self._print_message(f"{self.name}: row {self.rows} has {defect}; {advice}")
+        if self.malformed_rows <= MAX_MALFORMED:
+            self._print_message(f"{self.name}: {escape_unprintable(reason)}")
 
-    def _announce_settling(self, tracked: TrackRow) -> None:
+    def _announce_settling(self) -> None:
         """Print until which time the baseline is learned, once and when this time is known."""
         end_s = self.tracker.settling_ends_s
-        is_due = tracked.status == "settling" and not self.has_announced_settling
-        if is_due and math.isfinite(end_s):
+        if not self.has_announced_settling and math.isfinite(end_s):
             self.has_announced_settling = True
             self._print_message(f"settling until t_s = {end_s:.4g}: do not touch")
 
-    def _report_touches(self) -> None:
+    def _report_touches(self) -> Iterator[dict[str, Any]]:
         """Report the touches that have ended since the previous row.
 
-        They are written as JSON among the rows, or printed on standard error.
+        They are yielded for JSON, or printed on standard error.
         """
         for summary in self.tracker.touches[self.reported_touches :]:
             if self.as_json:
-                self.write([{"summary": _to_plain_row(summary)}])
+                yield {"summary": _to_plain_row(summary)}
             else:
                 doubt = self.unit_doubt if summary.status in DOUBTFUL_STATUSES else ""
                 self._print_message(f"{summary}{doubt}")
@@ -248,40 +344,17 @@ class _Session:
         print(message, file=sys.stderr, flush=True)
 
 
-def _find_defect(row: Row, sample: dict[str, str], time_column: str) -> str:
-    """Return the reason why a row cannot be used, or an empty text.
-
-    Parameters
-    ----------
-    row : Row
-        Row of the input.
-    sample : dict
-        Cells of the time and the readings of the row as texts, by column.
-    time_column : str
-        Name of the column with times.
-
-    Returns
-    -------
-    str
-        The cells that are not numbers, or the number of cells if it is wrong, or that the time is
-        missing; the first that applies. Empty if the row can be used; readings may be missing.
-    """
-    wrong = {
-        text for text in sample.values() if math.isnan(parse_cell(text)) and text not in MISSING
-    }
-    if wrong:
-        return escape_unprintable(", ".join(sorted(wrong)))[:40]
-    if not row.is_complete:
-        return f"{len(row.cells)} cells"
-    if sample[time_column] in MISSING:
-        return f"no time {time_column}"
-    return ""
+@cache
+def _list_fields(row_class: type[TrackRow]) -> tuple[tuple[str, ...], Callable[[Any], Any]]:
+    """Return the names of the fields of a class of rows, and a function that gets their values."""
+    names = tuple(field.name for field in fields(row_class))
+    return names, attrgetter(*names)
 
 
 def _to_plain_row(row: TrackRow) -> dict[str, Any]:
     """Convert a row to plain values for JSON and CSV, rounded to nine digits except ``t_s``."""
-    values = asdict(row)
-    plain = {name: to_plain(value) for name, value in values.items()}
-    if not math.isnan(values["t_s"]):
-        plain["t_s"] = values["t_s"]
+    names, get_values = _list_fields(type(row))
+    plain = dict(zip(names, map(to_plain, get_values(row)), strict=True))
+    if not math.isnan(row.t_s):
+        plain["t_s"] = row.t_s
     return plain

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from pvdf_fem.cli.options import (
+    add_noise_options,
     add_scene_command,
     add_text_option,
-    parse_number,
-    parse_optional_number,
+    parse_noise_options,
     read_scene,
 )
 from pvdf_fem.cli.output import find_output_errors
@@ -28,8 +28,8 @@ of each charge, and readings with noise: to train and to test estimators of touc
 Touches are uniformly distributed in position, rotation and the logarithm of the force,
 within the reach and the forces of the scene's [model].
 
-Readings are total charges or changes by the touch, with the gains, offsets and
-noise of the scene's [readout], in nominal pC. Places and rotations are in the frame
+Readings are total charges or changes due to the touch, with the gains, offsets and
+noise of the scene's [readout], in nominal pC. Positions and rotations are in the frame
 of its [stage]. The response is built and stored as for `locate`; after that,
 100,000 touches take a few seconds.
 
@@ -66,19 +66,7 @@ def add_parser(commands: Any) -> None:
         about="seed of the random numbers; the same seed reproduces the data",
         default="0",
     )
-    add_text_option(
-        parser,
-        "--sigma",
-        "FRACTION",
-        about="standard deviation of a reading, relative to the charge or change",
-        default="0.01",
-    )
-    add_text_option(
-        parser,
-        "--noise",
-        "PC",
-        about="additional standard deviation of every reading (default: readout.noise_V, or 0)",
-    )
+    add_noise_options(parser, unit="in pC")
     parser.add_argument(
         "--reading",
         choices=("change", "total"),
@@ -110,8 +98,7 @@ def run(options: argparse.Namespace) -> int:
         If an option or the scene is invalid. The exception lists the errors that were found.
     """
     errors: list[str] = []
-    sigma = parse_number("--sigma", options.sigma, errors, allow_zero=True)
-    noise_pC = parse_optional_number("--noise", options.noise, errors, allow_zero=True)
+    sigma, noise_pC = parse_noise_options(options, errors)
     choice = ResponseChoice.from_options(options, errors)
     inputs = Path(options.scene), options.model
     errors += find_output_errors(options.output, _EXTENSIONS, *inputs)

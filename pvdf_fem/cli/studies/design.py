@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pvdf_fem.cli.options import (
+    add_noise_options,
     add_scene_command,
     add_text_option,
-    parse_number,
+    parse_noise_options,
     parse_optional_number,
     read_scene,
 )
@@ -87,19 +88,7 @@ def add_parser(commands: Any) -> None:
         default=[],
         help="a key with its values, such as electrodes.count=4,6,8. May be repeated",
     )
-    add_text_option(
-        parser,
-        "--sigma",
-        "FRACTION",
-        about="standard deviation of a reading, relative to the charge",
-        default="0.01",
-    )
-    add_text_option(
-        parser,
-        "--noise-pC",
-        "PC",
-        about="additional standard deviation of every reading (default: readout.noise_V, or 0)",
-    )
+    add_noise_options(parser, "--noise-pC", unit="in pC")
     add_text_option(
         parser,
         "--step",
@@ -130,8 +119,7 @@ def run(options: argparse.Namespace) -> int:
     """
     errors: list[str] = []
     vary = _parse_variations(options.vary, errors)
-    sigma = parse_number("--sigma", options.sigma, errors, allow_zero=True)
-    noise_pC = parse_optional_number("--noise-pC", options.noise_pC, errors, allow_zero=True)
+    sigma, noise_pC = parse_noise_options(options, errors, "--noise-pC")
     step_mm = parse_optional_number("--step", options.step, errors, allow_zero=True)
     choice = ResponseChoice.from_options(options, errors)
     errors += find_output_errors(options.output, [".nc", ".csv"], options.scene)

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 
-def add_processes(parser: Any) -> None:
+def add_processes_option(parser: Any) -> None:
     """Add the option ``--processes``, an integer or None, to a parser or argument group."""
     parser.add_argument(
         "--processes",

@@ -9,7 +9,7 @@ from typing import Any
 
 from pvdf_fem.cli.options import add_command, add_progress
 from pvdf_fem.cli.program import ExitCode, InputError
-from pvdf_fem.cli.studies.processes import add_processes, find_process_errors
+from pvdf_fem.cli.studies.processes import add_processes_option, find_process_errors
 
 _DESCRIPTION = """\
 A page with figures and tables about a sensor, as a report script describes it:
@@ -35,7 +35,7 @@ examples:
   pvdf-fem report report.toml --kinds own.py --full
 
 exit codes: 0 all figures and tables are complete, 2 bad input, 3 some lack charges
-(the page gives the reason in their places), 130 interrupted"""
+(the page gives the reason instead of them), 130 interrupted"""
 
 
 def add_parser(commands: Any) -> None:
@@ -72,7 +72,7 @@ def add_parser(commands: Any) -> None:
         action="store_true",
         help="use the keys in `full` of each figure: more scenes and tasks",
     )
-    add_processes(parser)
+    add_processes_option(parser)
     add_progress(parser)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from pvdf_fem.cli.options import add_command, add_progress
 from pvdf_fem.cli.output import add_plot, find_output_errors, find_plot_errors, save_plot
 from pvdf_fem.cli.program import ExitCode, InputError
-from pvdf_fem.cli.studies.processes import add_processes, find_process_errors
+from pvdf_fem.cli.studies.processes import add_processes_option, find_process_errors
 from pvdf_fem.files import require_distinct
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ together, over a list or over `count` numbers from `start` to `stop`:
   name = "place"
   probe.x_mm = { start = 0, stop = 10, count = 41 }
   probe.y_mm = { start = 0, stop = 5, count = 41 }
-or the places of the thesis's mapping scheme, lines from the centre of an electrode:
+or the positions of the thesis's mapping scheme, lines from the centre of an electrode:
   [[axes]]
   mapping = { electrode = "A", angles_deg = [0, 45], distances_mm = [0, 4, 8] }
 Optional there: name, reach_mm (from the film's centre).
@@ -80,7 +80,7 @@ def add_parser(commands: Any) -> None:
         help="file in which solved scenes are saved (default: the output's name with .db)",
     )
     where = parser.add_mutually_exclusive_group()
-    add_processes(where)
+    add_processes_option(where)
     where.add_argument(
         "--scheduler",
         metavar="ADDRESS",

@@ -32,17 +32,17 @@ from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 @dataclass(frozen=True)
 class BendingFit:
-    """Factors in the estimated changes of charges by bending, fitted to random scenes.
+    """Factors in the estimated changes of charges due to bending, fitted to random scenes.
 
     They refer to the bending length l, the film's radius a, and the probe's radius b.
     """
 
-    #: Change by bending at the rim divided by l/a, for an electrode close to the probe.
+    #: Change due to bending at the rim divided by l/a, for an electrode close to the probe.
     rim_near_probe: float = 0.4
     #: Added to `rim_near_probe` after multiplication by (r/a)^2, for an electrode at the distance r
     #: from the probe's centroid.
     rim_far_from_probe: float = 4.0
-    #: Change by bending at the probe, divided by l/b for a rigid probe and by (l/b)^2 otherwise.
+    #: Change due to bending at the probe, divided by l/b for a rigid probe, otherwise by (l/b)^2.
     probe: float = 0.4
     #: Minimum of |d31 - d32|/(|d31| + |d32|), to which the effect of a layer on electrodes beside
     #: it is proportional.
@@ -67,14 +67,14 @@ class BendingEffect:
     unloaded_length: float  #: Bending length of the unloaded film in m.
     rim_length: float  #: Bending length at the rim in m.
     probe_length: float  #: Bending length at the probe's edge in m.
-    rim: float  #: Relative change of the worst charge by bending at the rim.
-    probe: float  #: Relative change of the worst charge by bending at the probe.
-    #: Relative change of the worst charge by layers on one side of the film, which bend it.
+    rim: float  #: Relative change of the worst charge due to bending at the rim.
+    probe: float  #: Relative change of the worst charge due to bending at the probe.
+    #: Relative change of the worst charge due to layers on one side of the film, which bend it.
     patches: float = 0.0
 
     @property
     def change(self) -> float:
-        """Sum of the relative changes `rim`, `probe` and `patches`; at most 1 without the last."""
+        """Sum of the relative changes, of which `rim` and `probe` together are at most 1."""
         return self.rim + self.probe + self.patches
 
     def __str__(self) -> str:
@@ -146,10 +146,10 @@ def _estimate_probe_effect(scene: Scene, probe: LoadedProbe | None) -> BendingEf
 
 
 def _combine_loads(scene: Scene, probe: LoadedProbe | None) -> _PressingLoad:
-    """Combine a probe, or none, and the loads on the whole film to a single load.
+    """Combine the force of a probe with the loads on the whole film into a single load.
 
-    The sum of the forces acts at the probe. Without a probe it acts on the whole film; without a
-    force, too, the outline is None.
+    The combined load presses where the probe does. If `probe` is None, it presses on the whole
+    film; if there is no load on the whole film either, its outline is None.
     """
     force = scene.film.distributed_force
     if probe is not None:
@@ -168,9 +168,10 @@ def _compute_bending_length(D: float, tension: float) -> float:
 def _estimate_edge_changes(
     scene: Scene, press: _PressingLoad, rim_length: float, probe_length: float
 ) -> tuple[float, float]:
-    """Estimate the relative changes of the worst charge by bending at the rim and at the probe.
+    """Estimate the relative changes of a charge due to bending at the rim and at the probe.
 
-    If the scene has no electrodes, two positions where some may be added are considered instead.
+    The changes are those of the electrode that is affected most. If the scene has no electrodes,
+    two positions at which electrodes might be added are considered instead.
 
     Parameters
     ----------
@@ -184,14 +185,14 @@ def _estimate_edge_changes(
     Returns
     -------
     rim_change, probe_change : float
-        The changes of the electrode for which their sum is largest; zeros without a load.
+        The changes of the electrode for which their sum is largest; both are 0 without a load.
     """
     film = scene.film
     if press.outline is None or not press.force > 0.0:
         return 0.0, 0.0
     a = film.radius
     b = _compute_equivalent_radius(press.outline)
-    # the mean distance from the rim of a probe at the rim is about its own width
+    # the lower bound keeps the changes finite for a probe that touches the rim
     gap = max(1.0 - press.outline.reach / a, FIT.min_gap * b / a)
     power = 1 if press.is_rigid else 2
     distances = []
@@ -218,18 +219,23 @@ class _LaminateStiffness(NamedTuple):
     offset: float  # distance from the film's mid-plane to the neutral axis in m
 
 
-def _compute_laminate(film: Film, layer: Layer) -> _LaminateStiffness:
+def _compute_laminate_stiffness(film: Film, layer: Layer) -> _LaminateStiffness:
     """Compute the stiffness of a film with a layer on one side, in the stiffest direction."""
     h, h_p = film.thickness, layer.patch.thickness
     A = h * float(film.stiffness[:2, :2].max())
     A_p = h_p * float(layer.stiffness[:2, :2].max())
     distance = 0.5 * (h + h_p)  # between the mid-planes
-    D = (A * h**2 + A_p * h_p**2) / 12.0 + A * A_p / (A + A_p) * distance**2
-    return _LaminateStiffness(bending=D, membrane=A + A_p, offset=A_p / (A + A_p) * distance)
+    separate_bending = (A * h**2 + A_p * h_p**2) / 12.0
+    joint_bending = A * A_p / (A + A_p) * distance**2
+    return _LaminateStiffness(
+        bending=separate_bending + joint_bending,
+        membrane=A + A_p,
+        offset=A_p / (A + A_p) * distance,
+    )
 
 
 def _estimate_layer_change(scene: Scene, layer: Layer, press: _PressingLoad) -> float:
-    """Estimate the relative change of the worst charge by a layer on one side of the film.
+    """Estimate the largest relative change of a charge due to a layer on one side of the film.
 
     Parameters
     ----------
@@ -257,7 +263,7 @@ def _estimate_layer_change(scene: Scene, layer: Layer, press: _PressingLoad) -> 
     """
     film = scene.film
     outline = layer.patch.outline
-    D, A, e = _compute_laminate(film, layer)
+    D, A, e = _compute_laminate_stiffness(film, layer)
     layer_radius = _compute_equivalent_radius(outline)
     r = film.radius
     if press.outline:
@@ -266,10 +272,10 @@ def _estimate_layer_change(scene: Scene, layer: Layer, press: _PressingLoad) -> 
     tension = estimate_tension(film, press.force, r)
     half_width = 2.0 * outline.area / outline.perimeter
     width = half_width * math.sqrt(tension / D)
-    mean_curvature = math.tanh(width) / width if width > 0.0 else 1.0  # over that at the edges
-    bent = e * e * A / D * mean_curvature  # mean of κ e, divided by the strain N/A
+    mean_curvature = math.tanh(width) / width if width > 0.0 else 1.0  # as a fraction of the edges'
+    bending_strain = e * e * A / D * mean_curvature  # mean of κ e, divided by the strain N/A
     if layer.patch.bonded == "at rest":
-        bent *= estimate_load_fraction(film, press.force, r)
+        bending_strain *= estimate_load_fraction(film, press.force, r)
     d31, d32 = abs(film.d31), abs(film.d32)
     difference = 0.0
     if d31 + d32:
@@ -279,9 +285,11 @@ def _estimate_layer_change(scene: Scene, layer: Layer, press: _PressingLoad) -> 
         area = electrode.outline.equal_area_polygon
         covered = area.intersection(outline.equal_area_polygon).area / area.area
         distance = max(math.dist(electrode.outline.centroid, outline.centroid), layer_radius)
-        beside = difference * (layer_radius / distance) ** 2
-        pressed = _estimate_load_curvature(film, electrode.outline, press, half_width, D)
-        change = max(bent * covered, min(bent, 1.0) * beside) + pressed * e * A * covered
+        decay = difference * (layer_radius / distance) ** 2
+        change_below = bending_strain * covered
+        change_beside = min(bending_strain, 1.0) * decay
+        load_curvature = _estimate_load_curvature(film, electrode.outline, press, half_width, D)
+        change = max(change_below, change_beside) + load_curvature * e * A * covered
         largest = max(largest, change)
     return largest
 
@@ -289,7 +297,7 @@ def _estimate_layer_change(scene: Scene, layer: Layer, press: _PressingLoad) -> 
 def _estimate_load_curvature(
     film: Film, electrode: Outline, press: _PressingLoad, half_width: float, D: float
 ) -> float:
-    """Estimate the curvature of a layer that follows the deflection of the film by the load.
+    """Estimate the curvature of a layer that follows the film's deflection under the load.
 
     Parameters
     ----------
@@ -337,12 +345,12 @@ def choose_layer_size(
     length : float
         Bending length at the edge in m.
     change : float
-        Relative change by bending at this edge of the charge that changes most.
+        Relative change, due to bending at this edge, of the charge that changes most.
     tolerance : float
         Relative tolerance of charges.
     max_width : float
-        Size in bending lengths for a change just above the negligible one. For a larger ratio of
-        change and tolerance the size is smaller: elements of 100, 10, 5 and 3 bending lengths miss
+        Size in bending lengths for a change just above the negligible one. It decreases as the
+        ratio of change to tolerance increases: elements of 100, 10, 5 and 3 bending lengths miss
         a third, a tenth, a twentieth and a hundredth of the change.
     negligible : float
         The layer is resolved only if the change is larger than this multiple of the tolerance.

@@ -1,4 +1,4 @@
-"""An estimate of the error of a solution by bending layers that are narrower than its elements.
+"""An estimate of the error due to bending layers that are narrower than the elements.
 
 Beside a clamped edge, a punch or the edge of a pressure the slope of a film changes within the
 bending length l = sqrt(D/N), with the bending stiffness D and the tension N. In much longer
@@ -75,13 +75,13 @@ def estimate_missing_fraction(
     -------
     ndarray, shape (...)
     """
-    shown = max_fraction * widths**3 / (widths**3 + half_width**3)
-    return np.asarray(estimate_uncertain_fraction(widths) + shown)
+    change_by_order = max_fraction * widths**3 / (widths**3 + half_width**3)
+    return np.asarray(estimate_uncertain_fraction(widths) + change_by_order)
 
 
 @dataclass(frozen=True, eq=False)
 class BendingLayers:
-    """Bending forces in the elements of a solution, to estimate the error by bending layers.
+    """Bending forces in the elements of a solution, to estimate the error due to bending layers.
 
     A bending layer is the strip beside an edge in which the slope of the film changes.
     """
@@ -127,10 +127,11 @@ class BendingLayers:
         return self.expansion[2::3]
 
     def compute_change_of_unknowns(self, factors: SuperLU) -> Array:
-        """Compute how the unknowns change if the film resists bending more, as far as is uncertain.
+        """Compute the change of the unknowns if the uncertain bending forces are applied again.
 
-        The residual is increased by the uncertain fraction of the bending forces in each element
-        (`estimate_uncertain_fraction`); the change follows from one linear solve.
+        The uncertain fraction of the bending forces in each element
+        (`estimate_uncertain_fraction`) is added to the residual, and the linearised equations are
+        solved once.
 
         Parameters
         ----------
@@ -149,9 +150,9 @@ class BendingLayers:
         return -factors.solve(residual)
 
     def compute_effects(self, duals: Array) -> Array:
-        """Compute the absolute changes of outputs by the bending forces in each element.
+        """Compute by how much the bending forces of each element change each output.
 
-        The change is the work of the bending forces on the dual deflection.
+        The change is the absolute work of these forces on the deflection of the dual solution.
 
         Parameters
         ----------
@@ -171,7 +172,7 @@ class BendingLayers:
         return np.abs(sum_in_elements @ work)
 
     def choose_sizes(self, effects: Array, remaining: float, min_ratio: float = 0.2) -> Array:
-        """Choose the maximum element sizes that limit the error by bending layers on the next mesh.
+        """Choose maximum element sizes that limit the error due to bending layers on the next mesh.
 
         The elements with the smallest errors, which add up to at most half of `remaining`, are not
         limited. All others get one common size in bending lengths, with which their errors add up
@@ -180,7 +181,7 @@ class BendingLayers:
         Parameters
         ----------
         effects : ndarray, shape (elements,)
-            Absolute changes of an output by the bending forces in each element.
+            Absolute changes of an output due to the bending forces in each element.
         remaining : float
             Maximum error of the output on the next mesh, in the unit of `effects`.
         min_ratio : float

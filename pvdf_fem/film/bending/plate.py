@@ -77,7 +77,7 @@ class Plate(Term):
         return self._expand_to_dofs(self.form.forces(state.dofs[2::3]))
 
     def _expand_to_dofs(self, deflection_values: Array) -> Array:
-        """Extend values of the deflections, shape (scalar dofs,), by zeros for in-plane dofs."""
+        """Pad values of the deflections, shape (scalar dofs,), with zeros at the in-plane dofs."""
         values = np.zeros(self.space.dof_count)
         values[2::3] = deflection_values
         return values
@@ -121,7 +121,7 @@ class Plate(Term):
         return forces.reshape(self.space.element_dofs.shape)
 
     def action(self, state: State, x: Array) -> Array:
-        """Multiply the constant stiffness by the dofs `x`; return forces in N. Ignore `state`.
+        """Return the constant stiffness times the dofs `x`; `state` is ignored.
 
         Returns
         -------
@@ -130,7 +130,7 @@ class Plate(Term):
         return self._expand_to_dofs(self.matrix @ x[2::3])
 
     def diagonal(self, state: State) -> Array:
-        """Return the diagonal of the constant stiffness in N/m. Ignore `state`.
+        """Return the diagonal of the constant stiffness in N/m; `state` is ignored.
 
         Returns
         -------
@@ -139,13 +139,13 @@ class Plate(Term):
         return self._expand_to_dofs(self.matrix.diagonal())
 
     def energy_along(self, state: State, x: Array) -> Array:
-        """Return the energy at the dofs of `state` plus s times `x`, as a polynomial in s.
+        """Return the energy as a polynomial in s along the line ``state.dofs + s * x``.
 
         Returns
         -------
         ndarray, shape (5,)
-            Coefficients in J of 1, s, ..., s⁴; the last two are zero. Unlike in the base class they
-            are computed from the factors of the stiffness matrix, which causes less round-off.
+            Coefficients in J of 1, s, ..., s⁴; the last two are zero. They are computed from the
+            factors of the stiffness matrix, with less round-off than in the base class.
         """
         slope = float(x[2::3] @ self.form.forces(state.dofs[2::3]))
         return np.array([self.energy(state), slope, self._compute_energy(x), 0.0, 0.0])

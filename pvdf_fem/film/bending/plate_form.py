@@ -34,7 +34,7 @@ from pvdf_fem.scene.film import Film
 
 @dataclass(frozen=True)
 class Penalty:
-    """Numbers of the penalty tau on jumps of the slope across the edges of elements."""
+    """Parameters of the penalty tau on jumps of the slope across the edges of elements."""
 
     #: tau divided by D_nn times the mean of |e|/area over both sides of the edge e. The form is
     #: positive definite for numbers above 3 with order 3 and above 6 with order 4 (measured, from
@@ -90,7 +90,7 @@ class BendingForm:
         return (self.strains.T @ (self.stiffness @ self.strains)).tocsr()
 
     def forces(self, w: Array) -> Array:
-        """Compute the bending forces in N that belong to given deflections.
+        """Compute the nodal bending forces in N of the deflections `w`.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ def make_bending_form(
     D = compute_plate_stiffness(film)
     bending = np.setdiff1d(np.arange(mesh.nelements), rigid_elements)
     curvature = _ShapeValues.at_points(space, space.basis.quadrature[0]).curvature
-    rows = _make_operator(space.nodes[bending], curvature[bending].swapaxes(2, 3), dof_count)
+    rows = _assemble_rows(space.nodes[bending], curvature[bending].swapaxes(2, 3), dof_count)
     strains = [rows]
     stiffness = [sp.kron(sp.diags(space.weights[bending].ravel()), D)]
     elements = [np.repeat(bending, rows.shape[0] // len(bending))]
@@ -151,11 +151,11 @@ def make_bending_form(
         (double, 0.0),
     )
     for sides, tension in groups:
-        joined = edges.join(sides, tension)
+        joined = edges.join_sides(sides, tension)
         functions = joined.slope_jump.shape[-1]
         nodes = space.nodes[sides % mesh.nelements].reshape(len(sides), functions)
-        strains.append(_make_operator(nodes, joined.slope_jump, dof_count))
-        strains.append(_make_operator(nodes, joined.mean_moment, dof_count))
+        strains.append(_assemble_rows(nodes, joined.slope_jump, dof_count))
+        strains.append(_assemble_rows(nodes, joined.mean_moment, dof_count))
         first_element = np.repeat(sides[:, 0] % mesh.nelements, joined.weights.shape[1])
         elements += [first_element, first_element]
         jump_stiffness = sp.diags((joined.penalty * joined.weights).ravel())
@@ -198,13 +198,12 @@ class _ShapeValues:
         mapping = mesh.mapping()
         inverse = np.linalg.inv(mapping.DF(points).transpose(2, 3, 0, 1))
         gradient = np.matmul(evaluate_shape_gradients(space.basis.elem, points), inverse)
-        corners = mesh.doflocs[:, mesh.dofs.element_dofs]
-        mapping_hessian = np.einsum(
-            "ine,pnjk->epijk", corners, evaluate_shape_hessians(mesh.elem(), points)
-        )
-        second = evaluate_shape_hessians(space.basis.elem, points) - np.einsum(
-            "epfi,epijk->epfjk", gradient, mapping_hessian, optimize=True
-        )
+        # indices: element e, point p, function f, node n, global i, x, y, reference j, k
+        nodes = mesh.doflocs[:, mesh.dofs.element_dofs]
+        node_hessians = evaluate_shape_hessians(mesh.elem(), points)
+        mapping_hessian = np.einsum("ine,pnjk->epijk", nodes, node_hessians)
+        by_mapping = np.einsum("epfi,epijk->epfjk", gradient, mapping_hessian, optimize=True)
+        second = evaluate_shape_hessians(space.basis.elem, points) - by_mapping
         hessian = np.einsum("epjx,epfjk,epky->epfxy", inverse, second, inverse, optimize=True)
         xx, yy, xy = hessian[..., 0, 0], hessian[..., 1, 1], hessian[..., 0, 1]
         return cls(
@@ -293,8 +292,8 @@ class _EdgeValues:
             penalty=np.concatenate([edge.penalty for edge in edges]),
         )
 
-    def join(self, sides: Indices, tension: float) -> _JoinedEdges:
-        """Combine the values from the sides of edges to slope jumps, mean moments and penalties.
+    def join_sides(self, sides: Indices, tension: float) -> _JoinedEdges:
+        """Combine the values on the sides of edges into slope jumps, mean moments and penalties.
 
         D_nn and the quadrature weights of an edge are those of its first side.
 
@@ -322,7 +321,7 @@ class _EdgeValues:
 
 
 def _find_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:
-    """Find the sides of the edges of some elements, and separate single sides from pairs.
+    """Find the sides of the edges of some elements, separated into single sides and pairs.
 
     In a mesh of n elements, side i n + e is edge i as seen from element e.
 
@@ -350,8 +349,8 @@ def _find_sides(mesh: MeshTri2, elements: Indices) -> list[Indices]:
     return by_count
 
 
-def _make_operator(dofs: Indices, values: Array, count: int) -> sp.csr_matrix:
-    """Make a sparse matrix whose nonzero entries are given by element or by edge.
+def _assemble_rows(dofs: Indices, values: Array, count: int) -> sp.csr_matrix:
+    """Assemble a sparse matrix from the entries of every element or edge, row by row.
 
     Parameters
     ----------

@@ -33,8 +33,8 @@ class Ply:
     def stress(self, strain: Array) -> Array:
         """Return the ply's stress times its `thickness_ratio`.
 
-        So weighted, the stresses of several plies may be added: times the film's thickness, the sum
-        is the membrane force in N/m.
+        The weighted stresses of all plies can be added. Their sum times the film's thickness is the
+        membrane force in N/m.
 
         Parameters
         ----------
@@ -65,7 +65,7 @@ class Laminate:
     law : Law, optional
         Law of the film; by default that of ``film.law``.
     added : UnevenStrain, optional
-        Strain by heat and rim displacements, which is not uniform.
+        Strain due to heat and rim displacements, which is not uniform.
     frame : ndarray, shape (2, 2)
         Orthogonal matrix from the scene's axes to the axes of the space.
     """
@@ -128,7 +128,7 @@ class Laminate:
         return plies
 
     def stress(self, strain: Array) -> Array:
-        """Return the stress of the film alone, without that of the added strain, in Pa.
+        """Return the stress of the film alone in Pa, excluding the stress of the added strain.
 
         Parameters
         ----------
@@ -145,8 +145,8 @@ class Laminate:
     def at_points(self, points: Array) -> Laminate:
         """Return a copy whose prestrain includes the added strain at given points.
 
-        A law that is not linear needs the added strain e for its stress. The `stress` of the copy
-        is still without the linear elastic stress C : e, which callers add.
+        A nonlinear law needs the added strain e to compute its stress. The `stress` of the copy
+        still excludes the linear elastic stress C : e, which callers add.
 
         Parameters
         ----------
@@ -166,7 +166,7 @@ class Laminate:
         return other
 
     def film_stress(self, strain: Array, points: Array) -> Array:
-        """Return the stress of the film alone, including that of the added strain, in Pa.
+        """Return the stress of the film alone in Pa, including the stress of the added strain.
 
         Parameters
         ----------

@@ -91,8 +91,9 @@ class Law:
     def _compute_complex_stress(self, strain: Array, prestrain: Array, step: float = 1e-5) -> Array:
         """Return the stress for complex strains of a law that defines its energy only.
 
-        A complex step in the energy has given the real stress already. Its derivative along the
-        imaginary parts is therefore a central difference, of strains that change by up to `step`.
+        The real stress is itself a complex-step derivative of the energy, so that its derivative
+        along the imaginary parts cannot be one, too. It is a central difference, for which the
+        strains are changed by up to `step`.
         """
         stress = self.stress(strain.real, prestrain.real)
         strain_change = strain.imag

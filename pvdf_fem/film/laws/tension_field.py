@@ -133,8 +133,8 @@ class TensionField(Hooke):
 
             g_3 = (1 - b x) sqrt(g_1^2 + g_2^2/(1 + a x)^2)
 
-        All points take Newton steps at once; a step that leaves the bounds is replaced by a
-        bisection, so that 60 steps reach round-off. A scalar root finder for each point would take
+        Newton steps are taken at all points at once. A step that leaves the bounds is replaced by a
+        bisection, so that 60 steps reach round-off. A scalar root finder at each point would take
         many times as long.
         """
         f = strain @ self._vectors
@@ -149,9 +149,8 @@ class TensionField(Hooke):
             denominator = 1.0 + a * x
             radius = np.hypot(g1, g2 / denominator)
             excess = g3 - (1.0 - b * x) * radius
-            slope = b * radius + (1.0 - b * x) * a * (
-                (g2 / denominator) ** 2 / denominator / radius
-            )
+            radius_decrease = (g2 / denominator) ** 2 / denominator / radius
+            slope = b * radius + (1.0 - b * x) * a * radius_decrease
             low = np.where(excess < 0, x, low)
             high = np.where(excess > 0, x, high)
             next_x = x - excess / slope

@@ -96,7 +96,7 @@ def locate_contact_edge(
 
 
 def measure_contact_outlines(tip: RigidTip, state: State) -> dict[str, Outline]:
-    """Measure the outlines of the film that touches a tip and of the film on the tip's flat face.
+    """Measure the outlines of the contact with a tip and of the film on the tip's flat face.
 
     Parameters
     ----------
@@ -154,6 +154,7 @@ def _find_contact_widths(tip: RigidTip, state: State, rays: _Rays, width: float)
     along = width * np.linspace(0.02, 3.0, 60)
     points = rays.origins + along[:, None, None] * rays.directions
     touches = _compute_gaps(tip, state, points).values <= 0.0
+    # the last point that touches is the first one if the ray is followed backwards
     last_index = -1 - touches[::-1].argmax(axis=0)
     last = along[last_index]
     return np.where(touches.any(axis=0), last, width)

@@ -45,7 +45,7 @@ class FilmLoad(LoadTerm):
     @property
     @abstractmethod
     def traction(self) -> float:
-        """Force along z per undeformed area in Pa by the keys of the film, without `factor`."""
+        """Force along z per undeformed area in Pa, from the keys of the film, without `factor`."""
 
     @property
     def pressure(self) -> float:

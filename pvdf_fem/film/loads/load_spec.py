@@ -92,6 +92,7 @@ def count_auxiliary_nodes(scene: Scene) -> int:
 
 
 def _moves_under_force(probe: LoadedProbe) -> bool:
+    """Return whether a probe is a tip under a force, whose depth is an unknown of the solve."""
     return probe.load.kind == "contact" and probe.load.depth is None
 
 

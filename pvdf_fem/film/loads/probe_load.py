@@ -29,7 +29,7 @@ UP: Array = np.array([0.0, 0.0, 1.0])
 
 
 class ProbeLoad(LoadTerm):
-    """A load by a probe: the base of every ``load.kind``.
+    """The load of a probe: the base class of every ``load.kind``.
 
     Parameters
     ----------
@@ -278,10 +278,12 @@ def integrate_traction(space: Space, elements: Selection, traction: Array) -> Ar
 
 
 def compute_normal(deformation_gradient: Array) -> Array:
-    """Compute the normal of the deformed film, with the ratio of areas as its length.
+    """Compute normals of the deformed film whose length is the deformed per undeformed area.
 
-    The ratio is that of the deformed to the undeformed area. `deformation_gradient` has the shape
-    (..., 3, 2).
+    Parameters
+    ----------
+    deformation_gradient : ndarray, shape (..., 3, 2)
+        Deformation gradient of the film.
 
     Returns
     -------

@@ -20,8 +20,11 @@ import numpy as np
 import shapely
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.files import FileError, decode_text, read_bytes
+from pvdf_fem.files import FileError, read_bytes
 from pvdf_fem.film.loads.load_spec import LoadSpec, Pressure, format_function_name
+from pvdf_fem.readings.formats import parse_csv
+from pvdf_fem.readings.selection import NumberColumns, choose_column, choose_quantity
+from pvdf_fem.readings.text.header import make_name_test
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import average_over, rotate
 from pvdf_fem.scene.placed.probe import find_load_key
@@ -194,10 +197,10 @@ def make_profile(spec: LoadSpec) -> Profile:
 
 
 def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
-    """Replace the names of profile files in scenes by paths with digests: ``/p.csv#sha256=...``.
+    """Replace file names of profiles by absolute paths with digests: ``/p.csv#sha256=...``.
 
-    With the absolute path, processes in other working directories find the file; with the digest,
-    a process that reads a changed file raises an error. Each file is read once.
+    The absolute path lets processes with another working directory find the file. The digest lets
+    them raise an error if the file has changed. Each file is read once.
 
     Parameters
     ----------
@@ -207,8 +210,7 @@ def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
     Returns
     -------
     list of Scene
-        Copies with the new names, in the same order; a scene without a name to replace is returned
-        itself.
+        Copies with the new names, in the same order. Scenes without a profile file are not copied.
 
     Raises
     ------
@@ -232,9 +234,9 @@ def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
 
 
 def _read_profile(profile: str, max_bytes: int = 20_000_000) -> _ProfileFile:
-    """Read a profile file; if `profile` ends with a digest, check that the content has it.
+    """Read a profile file, and check its content against the digest in `profile`, if any.
 
-    Raises `SceneError` for a file that cannot be used or has another digest.
+    A `SceneError` is raised if the file cannot be used or has another digest.
     """
     name, _, wanted_digest = profile.partition(DIGEST_MARK)
     try:
@@ -252,9 +254,9 @@ def _read_profile(profile: str, max_bytes: int = 20_000_000) -> _ProfileFile:
 
 @lru_cache(maxsize=8)
 def _interpolate_table(name: str, content: bytes) -> GridFunction:
-    """Return a function that interpolates the table in a file's content, zero outside the grid.
+    """Return a function that interpolates the table in a file, and is zero outside the grid.
 
-    The content is netCDF if the file's name ends with .nc, and otherwise CSV.
+    `content` is read as netCDF if `name` ends with .nc, and otherwise as CSV.
     """
     from scipy.interpolate import RegularGridInterpolator  # slow to import
 
@@ -280,14 +282,19 @@ def _read_csv(name: str, content: bytes) -> _GridTable:
 
     Raises `ValueError` unless the rows have one finite pressure for every point of a grid.
     """
-    heading, *lines = decode_text(Path(name), content).splitlines()
-    columns = [column.strip() for column in heading.split(",")]
-    rows = np.array([line.split(",") for line in lines if line.strip()], dtype=float)
-    x, y, values = (rows[:, columns.index(key)] for key in ("x_mm", "y_mm", "pressure"))
+    table = parse_csv(content, name, make_name_test(["x_mm", "y_mm", "pressure"]))
+    columns = [choose_quantity(table, "x_mm"), choose_quantity(table, "y_mm")]
+    columns.append(choose_column(table, "pressure"))
+    chosen = [column for column in columns if column is not None]
+    if len(chosen) < len(columns):
+        raise ValueError("x_mm, y_mm or pressure is missing from the columns")
+    numbers = NumberColumns(table, chosen)
+    rows = [numbers.read(row) for batch in table.batches for row in batch]
+    x, y, values = np.array(rows).reshape(len(rows), len(chosen)).T
     grid_x, row_i = np.unique(x, return_inverse=True)
     grid_y, row_j = np.unique(y, return_inverse=True)
     pressure = np.full((len(grid_x), len(grid_y)), np.nan)
     pressure[row_i, row_j] = values
     if not np.isfinite(pressure).all() or pressure.size != len(rows):
-        raise ValueError("the points are not a grid with one finite pressure each")
+        raise ValueError("the points do not form a grid with one finite pressure at each")
     return _GridTable(grid_x, grid_y, pressure)

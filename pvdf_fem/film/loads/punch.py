@@ -59,8 +59,9 @@ class Punch(DeadPressure):
     def _make_constraints(self) -> Constraints:
         """Make the constraints on the dofs under the punch.
 
-        u and v are zero for a sticking punch, a shared unknown each with a tangential force, and
-        free otherwise. w is a shared unknown, or a linear function for a punch that tilts freely.
+        The in-plane dofs u and v are zero for a sticking punch and free for a sliding one; under a
+        tangential force all u are one unknown and all v another. The deflection w is one unknown,
+        or a linear function if the punch tilts freely.
         """
         u, v, w = 3 * self._nodes, 3 * self._nodes + 1, 3 * self._nodes + 2
         load = self.spec.load
@@ -109,7 +110,8 @@ class Punch(DeadPressure):
         """
         w = 3 * self._nodes + 2
         columns = np.column_stack([np.ones(len(w)), self._arms])
-        # a rotation about x inclines the deflection along y, one about y along x with a minus sign
+        # a rotation about x tilts the punch along y; one about y tilts it along x, in the negative
+        # sense
         _, slope_x, slope_y = np.linalg.lstsq(columns, state.dofs[w], rcond=None)[0]
         tilt_x, tilt_y = np.degrees(np.arctan([slope_y, -slope_x])).tolist()
         reactions = (residual + self.forces(state))[w]

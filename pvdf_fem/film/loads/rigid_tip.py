@@ -139,10 +139,10 @@ class RigidTip(ProbeLoad):
         return other
 
     def complete_initial_guess(self, x: Array) -> Array:
-        """Return a copy of the dofs `x`, changed so that tip and film touch, or `x` itself.
+        """Return dofs at which the tip touches the film: a changed copy of `x`, or `x` itself.
 
-        An unknown depth that is still zero is set so that the overlap balances the force; another
-        one remains. For a prescribed depth, a film that lies below the tip is moved up to it.
+        An unknown depth that is still zero is set so that the overlap balances the force; a nonzero
+        one is not changed. If the depth is prescribed, a film below the tip is lifted up to it.
         """
         if not self.has_unknown_depth:
             return self._lift_film(x)
@@ -173,7 +173,7 @@ class RigidTip(ProbeLoad):
         return float((needed + moments[last]) / areas[last])
 
     def _lift_film(self, x: Array) -> Array:
-        """Scale down the dofs `x` until a film below a tip of prescribed depth just touches it.
+        """Scale down the dofs `x` until a film that hangs below the tip just touches it.
 
         `x` itself is returned if the film touches the tip already, or if only a mirror image of the
         tip presses on the solved sector.
@@ -298,14 +298,14 @@ class RigidTip(ProbeLoad):
     def element_tangent(self, state: State) -> ElementMatrices:
         """Return the derivative of `residual` at constant depth in N/m, for touching elements."""
         elements, weighted = self._select_tractions(state)
-        stiffness = self._fixed_depth_stiffness(state, elements, weighted)
+        stiffness = self._compute_film_stiffness(state, elements, weighted)
         values = self.space.values[elements]
         local = np.einsum("epa,epij,epb->eaibj", values, stiffness, values, optimize=True)
         dofs = 3 * values.shape[2]
         return ElementMatrices(elements, local.reshape(len(elements), dofs, dofs))
 
-    def _fixed_depth_stiffness(self, state: State, elements: Indices, weighted: Array) -> Array:
-        """Differentiate minus the tip's forces on the film by the displacement at constant depth.
+    def _compute_film_stiffness(self, state: State, elements: Indices, weighted: Array) -> Array:
+        """Differentiate the tip's residual with respect to the displacement at constant depth.
 
         Parameters
         ----------
@@ -330,7 +330,7 @@ class RigidTip(ProbeLoad):
         return stiffness
 
     def coupled_tangent(self, assembly: MatrixAssembler, state: State) -> sp.csc_matrix | None:
-        """Return the row and the column of an unknown depth in the tangent, else None.
+        """Return the row and column of an unknown depth in the tangent; None without one.
 
         Returns
         -------
@@ -373,13 +373,13 @@ class RigidTip(ProbeLoad):
         elements, weighted = self._select_tractions(state)
         values = self.space.values[elements]
         displacement = np.matmul(values, x.reshape(-1, 3)[self.space.nodes[elements]])
-        stiffness = self._fixed_depth_stiffness(state, elements, weighted)
+        stiffness = self._compute_film_stiffness(state, elements, weighted)
         rates = np.matmul(stiffness, displacement[..., None])[..., 0]
         actions[elements] = np.matmul(values.swapaxes(1, 2), rates).reshape(len(elements), -1)
         return actions
 
     def action(self, state: State, x: Array) -> Array:
-        """Multiply the tangent, with row and column of an unknown depth, by `x`; return N."""
+        """Return the tangent, including that of an unknown depth, times the dofs `x`, in N."""
         forces = self.space.sum_at_dofs(self.element_action(state, x))
         if self.has_unknown_depth:
             force_rates, total_rate = self._compute_depth_rates(state)
@@ -389,9 +389,9 @@ class RigidTip(ProbeLoad):
         return forces
 
     def diagonal(self, state: State) -> Array:
-        """Return the diagonal of the tangent in N/m, with the entry of an unknown depth."""
+        """Return the diagonal of the tangent in N/m, including the entry of an unknown depth."""
         elements, weighted = self._select_tractions(state)
-        stiffness = np.einsum("epii->epi", self._fixed_depth_stiffness(state, elements, weighted))
+        stiffness = np.einsum("epii->epi", self._compute_film_stiffness(state, elements, weighted))
         values = self.space.values[elements]
         diagonal = self.space.sum_at_dofs(
             np.matmul(values.swapaxes(1, 2) ** 2, stiffness), elements

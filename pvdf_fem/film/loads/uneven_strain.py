@@ -1,4 +1,4 @@
-"""Strains that are not uniform in the film: by heat from warm probes, and by rim displacements.
+"""Strains that vary over the film: due to heat from warm probes, and to rim displacements.
 
 A probe holds the face that it touches at its temperature; the other face and the film beside the
 probe lose no heat. Under the probe the temperature, averaged over the thickness, is that of a plate
@@ -72,7 +72,7 @@ def describe_heat_effects(
     scene : Scene
         Scene with the film, its electrodes and the probes that may be warm.
     charges_pC : mapping, optional
-        Charges of the solution in pC, to which the charge by warming is compared.
+        Charges of the solution in pC, with which the charge due to warming is compared.
     typical_uC_m2K : float
         Typical pyroelectric coefficient of PVDF in µC/(m² K), for a film without one.
     heat_capacity : float
@@ -83,8 +83,8 @@ def describe_heat_effects(
     Yields
     ------
     EffectNote
-        For each warm probe, two effects that are always neglected. Then the charge by warming, of
-        the film or by probes, on the electrode with the largest one, unless it is zero.
+        For each warm probe, two effects that are always neglected. Then, unless it is zero, the
+        charge due to the warming of the film, on the electrode where it is largest.
     """
     film = scene.film
     seconds = film.thickness * film.density * heat_capacity / (2.0 * heat_transfer)
@@ -114,11 +114,11 @@ def describe_heat_effects(
 
 
 def _estimate_misplaced_heat(outline: Outline, heat_length: float) -> float:
-    """Estimate the error of `UnevenStrain` in the heat beside a probe.
+    """Estimate the error of `UnevenStrain` in the heat beside a probe, as a fraction of its heat.
 
-    It is a fraction of the heat below the probe. `UnevenStrain` is exact for straight edges. A
-    right-angled corner spreads less heat by about 2.5 κ t in area. For an outline without corners
-    the error grows with its deviation from a disc.
+    The formula of `UnevenStrain` is exact for straight edges. At a right-angled corner it misses
+    about the heat of an area of 2.5 κ t. For an outline without corners the error grows with the
+    deviation of the outline from a circle.
     """
     area = outline.area
     bulge = outline.perimeter**2 / (4.0 * np.pi * area) - 1.0
@@ -160,7 +160,7 @@ class UnevenStrain:
         return None
 
     def temperature(self, points: Array) -> Array:
-        """Compute the warming by probes, averaged over the film's thickness, in K.
+        """Compute the rise in temperature due to probes, averaged over the thickness, in K.
 
         Parameters
         ----------
@@ -189,7 +189,7 @@ class UnevenStrain:
         return total.reshape(points.shape[:-1])
 
     def strain(self, points: Array) -> Array:
-        """Compute the added elastic strain: by rim displacements, minus the thermal strain.
+        """Compute the added elastic strain: the rim strain minus the thermal strain.
 
         Parameters
         ----------

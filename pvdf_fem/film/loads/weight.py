@@ -20,7 +20,7 @@ class Weight(FilmLoad):
 
 
 def estimate_weight_effect(scene: Scene, gravity_m_s2: float = 9.80665) -> float:
-    """Estimate the largest relative change of a charge by a neglected weight.
+    """Estimate the largest relative change of a charge due to a neglected weight.
 
     Parameters
     ----------
@@ -32,15 +32,15 @@ def estimate_weight_effect(scene: Scene, gravity_m_s2: float = 9.80665) -> float
     Returns
     -------
     float
-        Change of an electrode's charge by the weight, as a fraction of the charge by a probe: the
+        Change of a charge due to the weight, as a fraction of the charge due to a probe: the
         maximum over all electrodes and probes. Probes with a prescribed depth or without a force
         are left out; 0 if no probe or no electrode remains.
 
     Notes
     -----
     At the distance r from a probe of force F, a linear film with the tension N has the slope
-    s = F/(2 π r N) by the probe and t = q r/(2 N) by its weight q per area. Its strain grows with
-    the square of the slope, so that it changes relatively by 2 s t/s² = 2 π q r²/F.
+    s = F/(2 π r N) due to the probe and t = q r/(2 N) due to its weight q per area. The strain is
+    proportional to the square of the slope, so that its relative change is 2 s t/s² = 2 π q r²/F.
     """
     weight = scene.film.density * scene.film.thickness * gravity_m_s2
     largest = 0.0
@@ -55,9 +55,9 @@ def estimate_weight_effect(scene: Scene, gravity_m_s2: float = 9.80665) -> float
 
 
 def describe_weight(scene: Scene) -> Iterator[EffectNote]:
-    """Yield a note about the weight, unless it is neglected and its estimated effect negligible.
+    """Yield a note about the weight if it is included, or if its neglect is noticeable.
 
-    A neglected weight is negligible if the relative change of charges is within the tolerance.
+    A neglected weight is noticeable if the estimated change of charges exceeds the tolerance.
     """
     gravity = scene.film.gravity_m_s2
     if gravity:
@@ -70,5 +70,5 @@ def describe_weight(scene: Scene) -> Iterator[EffectNote]:
         bounded = min(change, 1.0)  # the estimate holds for small changes only
         percent = format_two_digits(100.0 * bounded)
         size = f"could change a charge by up to {percent} %"
-        text = f"weight: {size}; to include it give film.gravity_m_s2, along z"
+        text = f"weight: {size}; to include it, set film.gravity_m_s2 (along z)"
         yield EffectNote(False, text)

@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import READINGS, list_units_pC, make_channels
+from pvdf_fem.electrodes.channel import (
+    READINGS,
+    find_unit_errors,
+    get_reading_unit,
+    list_units_pC,
+    make_channels,
+)
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.inverse.calibration.calibration import Calibration
 from pvdf_fem.inverse.calibration.diagnosis import (
@@ -21,13 +27,16 @@ from pvdf_fem.inverse.calibration.fit import CalibrationFit, ReadingNoise
 from pvdf_fem.inverse.calibration.options import DEFAULTS, CalibrateOptions
 from pvdf_fem.inverse.calibration.parameters import select_parameters
 from pvdf_fem.inverse.calibration.reading_model import ReadingModel
+from pvdf_fem.inverse.calibration.touch_columns import TouchesError
 from pvdf_fem.inverse.calibration.touch_table import read_touches
+from pvdf_fem.inverse.calibration.unit_diagnosis import diagnose_unit
+from pvdf_fem.inverse.clipping import CLIPPED_ADVICE
+from pvdf_fem.inverse.reading_unit import OtherUnit
 from pvdf_fem.progress import Progress, SolveCounter, show_progress
 from pvdf_fem.scene.arguments import Names, SceneLike, as_scene, coerce
 from pvdf_fem.scene.scene import Scene
 
 DEFAULT_UNKNOWN = ("film.pretension_N_m", "gains")
-UNITS = ("pC", "V")  #: Units of readings.
 
 
 def calibrate(
@@ -36,7 +45,7 @@ def calibrate(
     unknown: Sequence[str] = DEFAULT_UNKNOWN,
     *,
     reading: str | None = None,
-    unit: str = "pC",
+    unit: str | None = None,
     sigma: float = 0.01,
     noise_pC: float | Mapping[str, float] | None = None,
     place_sd: float = 0.0,
@@ -61,9 +70,11 @@ def calibrate(
     reading : {"change", "total"}, optional
         Whether the readings are the changes of the charges due to the touch, or total charges.
         Default: the value of the scene's ``[readout]``, ``change`` without one.
-    unit : {"pC", "V"}
-        Unit of the readings. Readings in nominal pC are readings in V times the capacitance of
-        their channel.
+    unit : str, optional
+        Unit of the readings, of `READING_UNITS`. Default: ``readout.unit``, which is V unless the
+        scene says otherwise, or pC without a readout; if the readings contradict this default, the
+        unit in which they fit, which `Calibration.notes` then says. Readings in nominal pC are
+        readings in V times the capacitance of their channel.
     sigma : float
         Relative standard deviation of the readings.
     noise_pC : float or mapping of str to float, optional
@@ -116,34 +127,96 @@ def calibrate(
     errors = [
         *_find_calibration_probe_errors(scene),
         *_find_choice_errors("reading", reading, tuple(READINGS)),
-        *_find_choice_errors("unit", unit, UNITS),
+        *find_unit_errors(scene, unit),
         *_find_invalid_deviation_errors("sigma", sigma),
         *_find_invalid_deviation_errors("noise_pC", *absolute_pC),
         *_find_invalid_deviation_errors("place_sd", place_sd),
     ]
     if not sigma and not all(absolute_pC):
-        errors.append("sigma = 0: readings have errors; give sigma or noise_pC")
+        errors.append(
+            "sigma = 0: must be positive, since readings have noise; give sigma or noise_pC"
+        )
     if errors:
         raise ValueError("\n".join(errors))
-    units_pC = list_units_pC(make_channels(scene))[unit]
-    noise = ReadingNoise(sigma, absolute=np.array(absolute_pC) / units_pC, place_mm=place_sd)
     parameters = select_parameters(scene, unknown, coerce("priors", priors or {}, dict[str, Any]))
-    table = read_touches(touches, scene)
+    table = read_touches(touches, scene, unit)
+    unit = table.unit
+    errors += find_unit_errors(scene, unit, "touches: readings in")
+    if errors:
+        raise TouchesError(*errors)
+    stated_unit = get_reading_unit(scene) if unit is None else unit
     tolerance = max(options.tolerance_fraction * sigma, options.min_tolerance)
     tolerance = min(tolerance, options.max_tolerance)
     with show_progress("solves", progress) as show:
         count_solve = SolveCounter(show, options.expected_rounds * len(table))
         model = ReadingModel(
-            parameters, table, reading, unit, tolerance, options, count_solve=count_solve
+            parameters, table, reading, stated_unit, tolerance, options, count_solve=count_solve
         )
-        diagnosis = fit_and_diagnose(model, noise)
+        other = diagnose_unit(model)
+        unit_notes = []
+        if other is not None:
+            if unit is not None or other.unit is None or scene.readout is None:
+                return _refuse_unit(model, other, _make_noise(model, sigma, absolute_pC, place_sd))
+            unit_notes.append(f"unit: {other.unit}; {other.text}")
+            model = model.with_unit(other.unit)
+        model = model.leave_out_clipped()
+        diagnosis = fit_and_diagnose(model, _make_noise(model, sigma, absolute_pC, place_sd))
     status, reason = _determine_status(diagnosis)
     return Calibration(
         status,
         reason,
-        notes=(*table.notes, *_list_notes(diagnosis)),
+        notes=(*unit_notes, *model.table.notes, *_list_notes(diagnosis)),
         outliers=_list_rejection_reasons(diagnosis.fit, status),
         fit=diagnosis.fit,
+    )
+
+
+def _make_noise(
+    model: ReadingModel, sigma: float, absolute_pC: Sequence[float], place_sd: float
+) -> ReadingNoise:
+    """Make the noise of readings in the unit of a model.
+
+    Parameters
+    ----------
+    model : ReadingModel
+        Model with the unit and the channels.
+    sigma : float
+        Relative standard deviation of the readings.
+    absolute_pC : sequence of float
+        Absolute standard deviation of the readings of each channel in nominal pC.
+    place_sd : float
+        Standard deviation of the coordinates of a touch in mm.
+    """
+    units_pC = list_units_pC(model.channels)[model.unit]
+    return ReadingNoise(sigma, absolute=np.array(absolute_pC) / units_pC, place_mm=place_sd)
+
+
+def _refuse_unit(model: ReadingModel, other: OtherUnit, noise: ReadingNoise) -> Calibration:
+    """Return a calibration without a fit, since the readings are in another unit.
+
+    Parameters
+    ----------
+    model : ReadingModel
+        Model in which a few touches are solved.
+    other : OtherUnit
+        The unit in which the readings fit.
+    noise : ReadingNoise
+        Standard deviations of the readings.
+    """
+    no_corrections = np.zeros((len(model.table), 2))
+    fit = CalibrationFit(
+        model,
+        noise,
+        model.parameters.initial,
+        no_corrections,
+        is_used=model.is_solved,
+        is_converged=False,
+    )
+    reason = f"{other.text}; give {other.options}"
+    if model.parameters.scene.readout is None:
+        reason += ", or add a [readout] if they are in V"
+    return Calibration(
+        CalibrationStatus.UNIT, reason, notes=model.table.notes, outliers={}, fit=fit
     )
 
 
@@ -203,7 +276,7 @@ def _find_invalid_deviation_errors(name: str, *values: float) -> Iterator[str]:
     """Yield a message for the first standard deviation that is negative or not finite, if any."""
     for value in values:
         if not 0.0 <= value < np.inf:
-            yield f"{name} = {value:g}: must be a standard deviation; give a number from 0 on"
+            yield f"{name} = {value:g}: is not a standard deviation; give a number of at least 0"
             return
 
 
@@ -220,8 +293,12 @@ def _determine_status(diagnosis: Diagnosis) -> tuple[CalibrationStatus, str]:
     is_scattered = fit.scatter > options.max_scatter
     if count < parameters:
         readings = f"{count} touches ({fit.reading_counts[fit.is_used].sum()} readings)"
-        text = f"{readings} for {parameters} parameters; give more touches or fit fewer parameters"
-        return CalibrationStatus.TOO_FEW, text
+        text = f"{readings} for {parameters} parameters"
+        clipped = fit.model.table.clipped
+        if clipped:
+            text = f"{len(clipped)} readings are clipped, which leaves {text}; {CLIPPED_ADVICE}"
+            return CalibrationStatus.CLIPPED, text
+        return CalibrationStatus.TOO_FEW, f"{text}; give more touches or fit fewer parameters"
     if corrections:
         texts = [each.correction.text for each in corrections]
         return corrections[0].correction.status, "; or ".join(texts)
@@ -257,13 +334,15 @@ def _list_rejection_reasons(fit: CalibrationFit, status: CalibrationStatus) -> d
 def _list_notes(diagnosis: Diagnosis) -> Iterator[str]:
     """Yield notes on equal forces, parameters far from the scene's values and large residuals.
 
-    The last notes are the corrections that explain the touches better.
+    They are followed by notes on clipped readings that the fit contradicts. The last notes are the
+    corrections that explain the touches better.
     """
     fit = diagnosis.fit
     options = fit.model.options
     forces_N: Array = fit.model.table.forces_N
     if np.ptp(forces_N) == 0.0:
-        yield f"force_N is {forces_N[0]:g} in every row; touches with several forces determine more"
+        constant = f"force_N is {forces_N[0]:g} in every row"
+        yield f"{constant}; touches with different forces determine more parameters"
     for index in np.flatnonzero(fit.pulls > options.max_pull):
         name = fit.model.parameters.names[index]
         distance = f"{fit.pulls[index]:.2g} standard deviations of its prior"
@@ -274,6 +353,28 @@ def _list_notes(diagnosis: Diagnosis) -> Iterator[str]:
         )
         advice = "" if fit.noise.place_mm else "; if the positions are uncertain, give place_sd"
         yield text + advice
+    yield from _list_contradicted_limits(fit)
     for correction, better in diagnosis.corrections:
         values = f"{fit.chi_square:.3g} to {better.chi_square:.3g}"
         yield f"{correction.text}: with this correction chi-square falls from {values}"
+
+
+def _list_contradicted_limits(fit: CalibrationFit) -> Iterator[str]:
+    """Yield a note for each clipped reading whose prediction is clearly within its limit.
+
+    Nothing is yielded unless the fit has converged.
+    """
+    model = fit.model
+    rows = model.table.rows.tolist()
+    names = [channel.name for channel in model.channels]
+    for row, electrode, limit, side in model.table.clipped if fit.is_converged else ():
+        if row not in rows or not fit.is_used[rows.index(row)]:
+            continue
+        at = (rows.index(row), names.index(electrode))
+        predicted = float(fit.prediction.readings[at])
+        by_place = fit.noise.place_mm * np.linalg.norm(fit.prediction.by_touch[at][:2])
+        deviation = np.hypot(fit.noise.sigma * limit, fit.noise.absolute[at[1]])
+        deviation = fit.scatter * np.hypot(deviation, by_place)
+        if side * (limit - predicted) > fit.model.options.max_limit_pull * deviation:
+            values = f"{limit:.6g} {model.unit}, but {predicted:.6g} ± {deviation:.2g} is predicted"
+            yield f"row {row}: {electrode} looks clipped at {values}; check the channel"

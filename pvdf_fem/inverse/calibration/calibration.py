@@ -13,6 +13,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.calibration.diagnosis import CalibrationStatus
 from pvdf_fem.inverse.calibration.fit import CalibrationFit
+from pvdf_fem.inverse.calibration.parameters import find_scene_key
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.sensitivity.parameters import expand_pair_key
 from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
@@ -20,6 +21,7 @@ from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 #: Parameters that contribute less than this fraction of the largest component to an undetermined
 #: direction are not named.
 MIN_NAMED_FRACTION = 0.15
+CORRELATION_DIGITS = 6  #: Number of decimals of correlations in a scene.
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,7 +44,9 @@ class Calibration(Result):
     def scene(self) -> Scene:
         """Copy of the nominal scene with the calibrated parameters and the meaning of the readings.
 
-        Calibrated parameters that are in the scene's ``[uncertain]`` get their posterior standard
+        The covariance of the parameters is in its ``[calibration]``, from which it gets into the
+        deviations of located touches. Calibrated parameters that are in the scene's
+        ``[uncertain]`` get their posterior standard
         deviations there. A key that stands for two parameters, such as ``film.pretension_N_m``,
         gets the mean of their standard deviations.
 
@@ -53,14 +57,32 @@ class Calibration(Result):
         """
         if not self.is_calibrated:
             raise ValueError(f"{self.status}: {self.reason}")
-        scene = self.fit.model.parameters.apply(self.fit.values, self.fit.model.reading)
+        model = self.fit.model
+        scene = model.parameters.apply(self.fit.values, model.reading)
+        if model.parameters.scene.readout is None:
+            # Later readings of the same instrument are then in the unit of these.
+            scene = scene.with_(**{"readout.unit": model.unit})
         deviations = {}
         for key in scene.uncertain or ():
             names = expand_pair_key(key, self.parameters)
             if names:
                 pair_deviations = [self.parameters[name]["deviation"] for name in names]
                 deviations[key] = float(np.mean(pair_deviations))
-        return scene.with_(uncertain=deviations) if deviations else scene
+        changes: dict[str, Any] = {"calibration": self._make_table()}
+        if deviations:
+            changes["uncertain"] = deviations
+        return scene.with_(**changes)
+
+    def _make_table(self) -> dict[str, Any]:
+        """Make the table ``[calibration]`` of the scene; numbers have six digits."""
+        names = self.fit.model.parameters.names
+        deviations = np.sqrt(np.diag(self.covariance))
+        correlations = self.covariance / np.outer(deviations, deviations)
+        return {
+            "keys": [find_scene_key(name) for name in names],
+            "deviations": [float(f"{deviation:.6g}") for deviation in deviations],
+            "correlations": np.round(correlations, CORRELATION_DIGITS).tolist(),
+        }
 
     @cached_property
     def parameters(self) -> dict[str, dict[str, float]]:
@@ -97,10 +119,9 @@ class Calibration(Result):
         """Leave-one-out errors: ``charge``, ``place_mm`` and ``force``.
 
         Each used touch is compared with a fit to the other touches. ``charge`` is the root mean
-        square of the residuals, divided by that of the predicted readings. If the touch was located
-        with the sensor fitted to the other touches, it would have an error of the position and of
-        the force, estimated by one Gauss-Newton step. ``place_mm`` and ``force`` are the medians of
-        these errors over the touches, in mm and as a fraction of the force.
+        square of the residuals, divided by that of the predicted readings. ``place_mm`` and
+        ``force`` are the median errors in mm and as a fraction of the force with which the touches
+        would be located by such a fit; each error is estimated by one Gauss-Newton step.
         """
         fit = self.fit
         is_used = fit.is_used
@@ -111,12 +132,13 @@ class Calibration(Result):
         weights = 1.0 / fit.deviations[is_used][..., None]
         slopes = weights * fit.prediction.by_touch[is_used]
         steps = (np.linalg.pinv(slopes) @ (weights * residuals))[..., 0]
-        forces_N = fit.model.table.forces_N[is_used]
-        size = np.sum(fit.prediction.readings[is_used] ** 2)
+        mean_square = np.sum(residuals**2) / np.sum(fit.prediction.readings[is_used] ** 2)
+        place_errors_mm = np.hypot(steps[:, 0], steps[:, 1])
+        force_errors = np.abs(steps[:, 2]) / fit.model.table.forces_N[is_used]
         return {
-            "charge": float(np.sqrt(np.sum(residuals**2) / size)),
-            "place_mm": float(np.median(np.hypot(steps[:, 0], steps[:, 1]))),
-            "force": float(np.median(np.abs(steps[:, 2]) / forces_N)),
+            "charge": float(np.sqrt(mean_square)),
+            "place_mm": float(np.median(place_errors_mm)),
+            "force": float(np.median(force_errors)),
         }
 
     @cached_property
@@ -162,6 +184,10 @@ class Calibration(Result):
             "degrees_of_freedom": fit.degrees_of_freedom,
             "p_value": fit.p_value,
             "outliers": [{"row": row, "reason": why} for row, why in self.outliers.items()],
+            "clipped": [
+                {"row": reading.row, "electrode": reading.electrode}
+                for reading in fit.model.table.clipped
+            ],
             "remarks": list(self.notes),
             "reading": fit.model.reading,
             "unit": fit.model.unit,
@@ -195,7 +221,7 @@ class Calibration(Result):
         write_calibration_page(data, self.status, self._repr_html_(), about or {}, path)
 
     def summary(self) -> Summary:
-        """Return the status with its reason, parameters (only if calibrated), and notes."""
+        """Summarize the status with its reason, the parameters if calibrated, and notes."""
         fit = self.fit
         freedom = f"{fit.degrees_of_freedom} degrees of freedom (p = {fit.p_value:.2g})"
         notes = [f"chi-square: {fit.chi_square:.1f} with {freedom}"]

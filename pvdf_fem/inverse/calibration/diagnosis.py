@@ -1,9 +1,9 @@
-"""Diagnosis of touches that no sensor like the scene's explains.
+"""Diagnosis of touches that no sensor similar to the scene's explains.
 
 For each common mistake in a file of touches there is a correction that undoes it. Corrections of
-readings are ranked first, with the solves that exist already. Unless one of them clearly explains
-the touches, corrections of positions and forces are ranked by solves of a few touches. Then the
-parameters are fitted to the touches of the best corrections.
+readings are ranked first, with the existing solves. Unless one of them clearly explains the
+touches, corrections of positions and forces are ranked with new solves of a few touches. Finally
+the parameters are fitted to the touches of the best corrections.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ class CalibrationStatus(StrEnum):
 
     CALIBRATED = "calibrated"  #: The parameters explain the touches.
     TOO_FEW = "too_few_touches"  #: There are fewer usable touches than parameters.
+    CLIPPED = "clipped"  #: There are too few touches, since readings are clipped.
     SWAPPED = "swapped_channels"  #: Channels are swapped.
     FRAME = "wrong_frame"  #: Positions or rotations are in another frame.
     UNIT = "wrong_unit"  #: Readings are in another unit.
@@ -104,7 +105,7 @@ def fit_and_diagnose(model: ReadingModel, noise: ReadingNoise) -> Diagnosis:
 
 
 def _find_corrections(fit: CalibrationFit) -> list[FittedCorrection]:
-    """Find the corrections with which a sensor like the scene's explains the touches.
+    """Find the corrections with which a sensor similar to the scene's explains the touches.
 
     Returns
     -------
@@ -115,8 +116,8 @@ def _find_corrections(fit: CalibrationFit) -> list[FittedCorrection]:
     fitted = []
     if fit.model.is_solved.any():
         fitted = _fit_corrections(fit, _propose_reading_corrections(fit.model))
-    # A wrong frame may look like swapped or dead channels, but not like other wrong readings. So
-    # touches are corrected if nothing else was found.
+    # A wrong frame may look like swapped or dead channels, but not like other wrong readings.
+    # Therefore touches are corrected only if no other mistake in the readings was found.
     ambiguous = {CalibrationStatus.SWAPPED, CalibrationStatus.CHANNEL}
     if {each.correction.status for each in fitted} <= ambiguous:
         fitted += _fit_corrections(fit, _propose_touch_corrections(fit))
@@ -161,7 +162,7 @@ def _fit_corrections(
 
 
 def _is_explanation(fit: CalibrationFit, corrected: CalibrationFit) -> bool:
-    """Decide whether the fit of corrected touches is plausible and clearly the better one."""
+    """Return whether the fit of corrected touches is plausible and clearly better."""
     options = fit.model.options
     is_likely = corrected.p_value > options.min_p_value
     is_plausible = is_likely or corrected.scatter < options.plausible_scatter
@@ -172,7 +173,7 @@ def _is_explanation(fit: CalibrationFit, corrected: CalibrationFit) -> bool:
 
 
 def _score_correction(fit: CalibrationFit, correction: Correction) -> float:
-    """Compute the score of a correction from a robust fit: the lower, the better.
+    """Compute the score of a correction from a robust fit; a lower score is better.
 
     Corrections of readings use the solves of `fit`. For corrections of positions or forces, a few
     touches are solved. The score is infinite if no touch is solved.
@@ -262,9 +263,9 @@ def _propose_touch_corrections(fit: CalibrationFit) -> Iterator[Correction]:
 
 
 def _compute_median_reading_ratio(fit: CalibrationFit) -> float:
-    """Compute the median magnitude of the ratio of readings to those predicted for the scene.
+    """Compute the median ratio of measured readings to those predicted for the scene.
 
-    Only solved touches count; the result is 0 if there are none.
+    Ratios are taken without their signs, for solved touches only; 0 if there are none.
     """
     model = fit.model
     is_solved = model.is_solved

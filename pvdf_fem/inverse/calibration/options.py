@@ -40,6 +40,9 @@ class CalibrateOptions:
     hopeless_scatter: float = 10.0
     #: Maximum distance of a parameter from the scene's value, in standard deviations of its prior.
     max_pull: float = 4.0
+    #: Maximum distance of a clipped reading's prediction from its limit, on the wrong side, in
+    #: standard deviations.
+    max_limit_pull: float = 5.0
 
     #: Number of touches that are solved to rank corrections of positions and forces.
     ranking_touches: int = 8

@@ -117,6 +117,14 @@ class CalibrationParameters:
         return self.scene.with_(**changes)
 
 
+def find_scene_key(name: str) -> str:
+    """Return the key of a parameter in the scene: ``readout.gain.A`` for ``gain.A``."""
+    section, dot, rest = name.partition(".")
+    if section in READOUT_KEYS:
+        return f"readout.{READOUT_KEYS[section]}{dot}{rest}"
+    return name
+
+
 def get_parameter(scene: Scene, key: str) -> float:
     """Return a parameter of a scene; without a stage or readout, its default value is returned."""
     section, _, name = key.partition(".")
@@ -129,10 +137,10 @@ def get_parameter(scene: Scene, key: str) -> float:
 def select_parameters(
     scene: Scene, words: Sequence[str], priors: Mapping[str, float]
 ) -> CalibrationParameters:
-    """Return the parameters that the words stand for, with priors about the scene's values.
+    """Select the parameters that words stand for, with priors about the scene's values.
 
-    If the pretension is among the words and the film is pretensioned by cooling, the scene of the
-    result has that pretension in N/m instead, see `prescribe_pretension`.
+    If the pretension is one of them and the film is stretched by cooling, the scene of the result
+    has a prescribed pretension in N/m instead, see `prescribe_pretension`.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Readings of touches as a function of the parameters, linearised about a solve of each touch.
 
 The stress integrals X, Y of the electrodes are extrapolated linearly from the last solve of each
-touch; their derivatives come from adjoint solutions. So between solves the readings are an analytic
-function of parameters and positions, which is differentiated by complex steps.
+touch; their derivatives come from adjoint solutions. Between solves the readings are therefore an
+analytic function of parameters and positions, which is differentiated by complex steps.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from pvdf_fem.arrays import Array, Mask
-from pvdf_fem.electrodes.channel import Channel, make_channels
+from pvdf_fem.electrodes.channel import Channel, list_units_pC, make_channels
 from pvdf_fem.inverse.calibration.options import DEFAULTS, CalibrateOptions
 from pvdf_fem.inverse.calibration.parameters import (
     GAIN,
@@ -25,6 +25,7 @@ from pvdf_fem.inverse.calibration.parameters import (
     get_parameter,
 )
 from pvdf_fem.inverse.calibration.touch_table import TouchTable, place_probe
+from pvdf_fem.inverse.clipping import compute_range_limits, find_plateaus
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.progress import SolveCounter, ignore_progress
 from pvdf_fem.scene.scene import Scene
@@ -63,7 +64,7 @@ class ReadingModel:
     parameters: CalibrationParameters
     table: TouchTable
     reading: str  #: Meaning of the readings, ``change`` or ``total`` charges.
-    unit: str  #: Unit of the readings, ``V`` or ``pC``.
+    unit: str  #: Unit of the readings, of `READING_UNITS`.
     tolerance: float  #: Default tolerance of the solves.
     options: CalibrateOptions = DEFAULTS
     #: Reasons why touches could not be solved, by index.
@@ -74,6 +75,7 @@ class ReadingModel:
     )
 
     def __post_init__(self) -> None:
+        """Allocate the arrays of solves, all of which are still missing."""
         touches = len(self.table)
         electrodes = len(self.channels)
         keys = len(self.keys)
@@ -92,7 +94,7 @@ class ReadingModel:
     def with_table(self, table: TouchTable, reading: str) -> ReadingModel:
         """Return a model of other touches, with copies of the solves if the probe loads are equal.
 
-        Its `failures` are empty in either case.
+        The copies include the `failures` of touches that could not be solved.
 
         Parameters
         ----------
@@ -103,11 +105,38 @@ class ReadingModel:
         """
         other = replace(self, table=table, reading=reading, failures={})
         if np.array_equal(table.probe_loads, self.table.probe_loads):
-            other.solved_at = self.solved_at.copy()
-            other.integrals = self.integrals.copy()
-            other.unloaded_integrals = self.unloaded_integrals.copy()
-            other.charge_errors = self.charge_errors.copy()
+            other._copy_solves(self)
+            other.failures = dict(self.failures)
         return other
+
+    def with_unit(self, unit: str) -> ReadingModel:
+        """Return a model of the same touches, with copies of the solves, for another unit."""
+        other = replace(self, unit=unit, failures=dict(self.failures))
+        other._copy_solves(self)
+        return other
+
+    def _copy_solves(self, other: ReadingModel) -> None:
+        """Copy the solves of another model, whose probe loads are the same."""
+        self.solved_at = other.solved_at.copy()
+        self.integrals = other.integrals.copy()
+        self.unloaded_integrals = other.unloaded_integrals.copy()
+        self.charge_errors = other.charge_errors.copy()
+
+    def leave_out_clipped(self) -> ReadingModel:
+        """Return a model without clipped readings, see `TouchTable.leave_out_clipped`.
+
+        Readings clip at the range of their channel, or at plateaus that the touches have.
+
+        Raises
+        ------
+        TouchesError
+            If too few readings remain.
+        """
+        limits = compute_range_limits(self.channels, self.unit)
+        limits = limits.tighten(find_plateaus(self.table.readings, self.channels, self.unit))
+        names = [channel.name for channel in self.channels]
+        table = self.table.leave_out_clipped(limits, names, self.unit)
+        return self if table is self.table else self.with_table(table, self.reading)
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -297,10 +326,10 @@ class ReadingModel:
         gain = self._extract_parameters([GAIN + name for name in names], values)
         offset = self._extract_parameters([OFFSET + name for name in names], values)
         capacitance_pF = np.array([1e12 * channel.capacitance for channel in self.channels])
+        units_per_pC = 1.0 / list_units_pC(self.channels)[self.unit]
         # Readings in nominal pC are readings in V times the capacitance.
-        units_per_volt = capacitance_pF if self.unit == "pC" else np.ones(len(names))
+        units_per_volt = capacitance_pF * units_per_pC
         charges_pC = (stress_integrals * coefficients[..., None, :]).sum(axis=-1)
-        units_per_pC = units_per_volt / capacitance_pF
         return np.asarray(units_per_pC * gain * charges_pC + units_per_volt * offset)
 
     def _extract_parameters(self, keys: tuple[str, ...] | list[str], values: Array) -> Array:

@@ -36,13 +36,13 @@ def find_initial_candidates(
     count : int
         Number of candidates, limited to the number of positions of the grid.
     each_rotation : bool
-        Whether to find `count` candidates per row for each rotation of the grid; otherwise `count`
-        candidates per row in all, the best of all rotations. Ignored if the rotation is fixed.
+        Whether to find `count` candidates per row for each rotation of the grid, instead of the
+        best `count` candidates of all rotations. Ignored if the rotation is fixed.
 
     Returns
     -------
     Candidates
-        Candidates of each row, without an order. The length of the axis of rotations is 1 unless
+        Candidates of each row, in arbitrary order. The length of the axis of rotations is 1 unless
         `each_rotation` is true and the rotation is free.
     """
     fixed_positions = []

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.electrodes.channel import get_reading_unit
 from pvdf_fem.inverse.touch.locate_many import find_explanations
 from pvdf_fem.inverse.touch.location import Explanation, Location
 from pvdf_fem.inverse.touch.measurement import (
@@ -51,8 +52,9 @@ def locate(
     known: Mapping[str, float] | None = None,
     noise_pC: Deviations | None = None,
     reading: str | None = None,
-    unit: str = "pC",
+    unit: str | None = None,
     touches: int = 1,
+    include_calibration: bool = True,
     options: LocateOptions = DEFAULT_OPTIONS,
     progress: Progress | bool | None = None,
 ) -> Location:
@@ -66,8 +68,8 @@ def locate(
         two probes or by one probe at two positions, and the unknowns ``"tangential_N"`` and
         ``"temperature_K"``.
     readings : mapping
-        Readings of some or all electrodes by name, in nominal pC or in V. Readings in nominal pC
-        equal the charges if the channels of the scene's readout have no gain error and no offset.
+        Readings of some or all electrodes by name, in `unit`. Readings in nominal pC equal the
+        charges if the channels of the scene's readout have no gain error and no offset.
     sigma, noise_pC : float or mapping
         Standard deviations of the readings, for all electrodes or by electrode: `sigma` as a
         fraction of the charge or change that is read, and `noise_pC` in nominal pC. By default
@@ -78,14 +80,19 @@ def locate(
         Values of the other quantities in the frame of the scene's stage. By default those of the
         scene. Not allowed if `response` is a scene.
     reading : {"total", "change"}, optional
-        Meaning of the readings: total charges, or changes of the charge by the touch, as read by an
-        amplifier that was zeroed before the touch. By default that of the scene's readout, or total
-        charges without a readout.
-    unit : {"pC", "V"}
-        Unit of the readings; a reading in nominal pC is that in V times the channel's capacitance
-        in pF.
+        Meaning of the readings: total charges, or changes of the charge due to the touch, as read
+        by an amplifier that was zeroed before the touch. By default that of the scene's readout, or
+        total charges without a readout.
+    unit : str, optional
+        Unit of the readings, of `READING_UNITS`. Default: ``readout.unit``, which is V unless the
+        scene says otherwise, or pC without a readout. A reading in nominal pC is that in V times
+        the channel's capacitance in pF.
     touches : int
         Number of probes that touch at once, 1 or 2; 2 requires a scene.
+    include_calibration : bool
+        Whether standard deviations include the errors that the calibration of the sensor has left,
+        of the scene's ``[calibration]``. They are the same for all touches, so that averaging does
+        not reduce them.
     options : LocateOptions
         Numbers and tolerances of the search.
     progress : callable or bool, optional
@@ -95,7 +102,7 @@ def locate(
     Returns
     -------
     Location
-        The touches, the most likely one first, with uncertainties, a status and remarks.
+        The touches, the most likely one first, with uncertainties, a status and notes.
 
     Raises
     ------
@@ -118,6 +125,8 @@ def locate(
     known = coerce("known", known, dict[str, Any] | None)
     charge_function = response if isinstance(response, ChargeFunction) else None
     scene = as_scene(response) if charge_function is None else charge_function.scene
+    if unit is None:
+        unit = get_reading_unit(scene)
     request = _Request(
         readings_pC=_convert_readings_to_pC(scene, readings, unit),
         sigma=sigma,
@@ -126,6 +135,7 @@ def locate(
         unit=unit,
         unknown=unknown,
         touches=touches,
+        include_calibration=coerce("include_calibration", include_calibration, bool),
         options=options,
     )
     if charge_function is not None:
@@ -146,6 +156,7 @@ class _Request:
     unit: str
     unknown: Sequence[str]
     touches: int
+    include_calibration: bool
     options: LocateOptions
 
     def find_errors(
@@ -171,6 +182,7 @@ class _Request:
             noise_pC=self.noise_pC,
             reading=self.reading,
             unit=self.unit,
+            include_calibration=self.include_calibration,
         )
 
     @property
@@ -237,7 +249,7 @@ def _locate_by_response(
     errors += find_quantity_errors(response.domain, request.unknown, known, default, centre_mm)
     if errors:
         raise ValueError("\n".join(errors))
-    fixed = _fix_coordinates({**default, **known}, request.unknown, centre_mm)
+    fixed = _compute_fixed_coordinates({**default, **known}, request.unknown, centre_mm)
     columns = [i for i, name in enumerate(TOUCH_QUANTITIES) if name in request.unknown]
     unknown_columns = np.array(columns)
     measurement = request.make_measurement(response)
@@ -256,7 +268,7 @@ def _locate_by_response(
     return replace(location, explanations=tuple(explanations))
 
 
-def _fix_coordinates(
+def _compute_fixed_coordinates(
     values: Mapping[str, float], unknown: Sequence[str], centre_mm: tuple[float, float]
 ) -> dict[int, float]:
     """Convert the values of the fixed quantities to coordinates, by column.
@@ -352,7 +364,7 @@ class ProbeMatch:
     name: str  #: Name of the probe's response.
     #: Posterior probability that this probe touched, if all are equally likely a priori.
     weight: float
-    location: Location  #: The likely touches by this probe.
+    location: Location  #: The likely touches of this probe.
 
 
 def rank_probes(locations: Mapping[str, Location]) -> tuple[ProbeMatch, ...]:

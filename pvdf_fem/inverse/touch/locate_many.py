@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.electrodes.channel import get_reading_unit
+from pvdf_fem.inverse.clipping import ReadingLimits, find_plateaus
 from pvdf_fem.inverse.least_squares import SearchOptions, SearchResult, concatenate_results
 from pvdf_fem.inverse.touch.location import Location
 from pvdf_fem.inverse.touch.location_problem import LocationProblem
@@ -44,7 +47,9 @@ def locate_many(
     forces_N: ArrayLike | None = None,
     noise_pC: Deviations | None = None,
     reading: str | None = None,
-    unit: str = "pC",
+    unit: str | None = None,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    include_calibration: bool = True,
     calibrated: bool = False,
 ) -> Touches:
     """Find the most likely touch for each of many rows of readings.
@@ -58,11 +63,20 @@ def locate_many(
         As for `locate`, except that `response` must not be a scene.
     readings : array_like, shape (n, electrodes), or mapping
         Rows of readings of all electrodes, in the order of the response; or columns of n readings
-        by the electrode's name, for some or all electrodes. None and NaN are missing readings.
+        by the electrode's name, for some or all electrodes. None and NaN are missing readings, and
+        infinite ones are beyond the range of the channel.
     rotations_deg : array_like, shape (n,), optional
         Known rotation of each row in the frame of the scene's stage.
     forces_N : array_like, shape (n,), optional
         Known force of each row.
+    limits : mapping of str to tuple of float, optional
+        Lowest and highest reading by electrode in `unit`, at which readings are clipped, besides
+        the range of the readout. By default plateaus in `readings`, see
+        `pvdf_fem.inverse.clipping.find_plateaus`.
+    include_calibration : bool
+        Whether standard deviations include the errors that the calibration of the sensor has left,
+        of the scene's ``[calibration]``. They are the same for all touches, so that averaging does
+        not reduce them.
     calibrated : bool
         Whether to find all likely touches of each row, and to compute `Touches.deviations` from the
         posterior distribution instead of the curvature of the likelihood, as `locate` does. This is
@@ -93,6 +107,9 @@ def locate_many(
     response = as_response(response)
     columns = _read_columns(response, readings)
     calibrated = coerce("calibrated", calibrated, bool)
+    limits = coerce("limits", limits, dict[str, tuple[float, float]] | None)
+    if unit is None:
+        unit = get_reading_unit(response.scene)
     errors = list(
         find_reading_errors(
             response.scene,
@@ -116,14 +133,29 @@ def locate_many(
     if errors:
         raise ValueError("\n".join(errors))
     measurement = Measurement.from_response(
-        response, columns.names, sigma=sigma, noise_pC=noise_pC, reading=reading, unit=unit
+        response,
+        columns.names,
+        sigma=sigma,
+        noise_pC=noise_pC,
+        reading=reading,
+        unit=unit,
+        include_calibration=coerce("include_calibration", include_calibration, bool),
     )
     units_pC = get_units_pC(response.scene, unit)
-    readings_pC = columns.readings * [units_pC[name] for name in columns.names]
+    electrode_units_pC = np.array([units_pC[name] for name in columns.names])
+    readings_pC = columns.readings * electrode_units_pC
+    if limits is None:
+        recognised = find_plateaus(readings_pC, measurement.channels, "pC")
+    else:
+        recognised = _order_limits(limits, columns.names).scale(electrode_units_pC)
+    measurement = replace(measurement, limits_pC=measurement.limits_pC.tighten(recognised))
     unknown = np.array([i for i in range(len(TOUCH_QUANTITIES)) if i not in known])
     status = _decide_initial_status(measurement, readings_pC, known, unknown)
     names = tuple(TOUCH_QUANTITIES[column] for column in unknown)
     touches = Touches.make_empty(status, names, measurement.reading)
+    is_clipped = measurement.find_sides(readings_pC) != 0
+    touches.clipped[:] = _join_names(columns.names, is_clipped)
+    touches.missing[:] = _join_names(columns.names, ~np.isfinite(readings_pC) & ~is_clipped)
     usable = np.flatnonzero(status == TouchStatus.LOCATED)
     for first in range(0, len(usable), CHUNK_ROWS):
         rows = usable[first : first + CHUNK_ROWS]
@@ -162,12 +194,12 @@ def _locate_rows(
         posterior distribution and the number of alternatives.
     """
     unknown = np.array([i for i in range(len(TOUCH_QUANTITIES)) if i not in known])
-    fixed = _fix_coordinates(known, rows)
+    fixed = _compute_fixed_coordinates(known, rows)
     problem = measurement.make_problem(readings_pC, unknown)
     ends = search_rows(problem, fixed, count=1)
     failed = np.flatnonzero(~mark_explained(problem, ends))
     if failed.size:
-        failed_fixed = _fix_coordinates(known, rows[failed])
+        failed_fixed = _compute_fixed_coordinates(known, rows[failed])
         failed_problem = problem.select_rows(failed)
         retried = search_rows(failed_problem, failed_fixed, DEFAULT_OPTIONS.retry_candidates)
         ends.replace_worse(failed, retried)
@@ -184,12 +216,12 @@ def _locate_rows(
     is_unexplained = ~touches.explained[rows]
     unexplained = rows[is_unexplained]
     unexplained_pC = readings_pC[is_unexplained]
-    unexplained_fixed = _fix_coordinates(known, unexplained)
+    unexplained_fixed = _compute_fixed_coordinates(known, unexplained)
     for found in find_explanations(measurement, unexplained_pC, unknown, unexplained_fixed):
         touches.explanations[unexplained[found.rows]] += f"; explained if {found.text}"
 
 
-def _fix_coordinates(known: Mapping[int, Array], rows: Indices) -> dict[int, Array]:
+def _compute_fixed_coordinates(known: Mapping[int, Array], rows: Indices) -> dict[int, Array]:
     """Compute the coordinates of the known quantities of some rows, by column.
 
     Parameters
@@ -246,9 +278,12 @@ def find_explanations(
     """
     if not len(readings_pC):
         return
+    sides = measurement.find_sides(readings_pC)
+    limited_pC = measurement.limits_pC.replace_clipped(readings_pC, sides)
     for alternative in measurement.list_alternatives():
-        corrected = alternative.correct(readings_pC)
-        problem = alternative.measurement.make_problem(corrected, unknown)
+        corrected = alternative.correct(limited_pC)
+        corrected_sides = np.sign(alternative.correct(sides.astype(float))).astype(int)
+        problem = alternative.measurement.make_problem(corrected, unknown, corrected_sides)
         ends = search_rows(problem, fixed, count=1, options=EXPLANATION_SEARCH)
         rows = np.flatnonzero(mark_explained(problem, ends))
         if rows.size:
@@ -304,7 +339,8 @@ def _read_columns(
         names = tuple(response.names)
         rows = _convert_values_to_floats(readings, "readings")
         if rows.ndim != 2 or rows.shape[1] != len(names):
-            raise ValueError(f"readings of shape {rows.shape}: must be (n, {len(names)})")
+            reason = f"must be (rows, {len(names)}), a column for each electrode"
+            raise ValueError(f"readings of shape {rows.shape}: {reason}")
         return _ReadingColumns(names, rows)
     by_name: Any = readings  # a mapping or a DataFrame, which has keys, too
     columns = {
@@ -315,6 +351,21 @@ def _read_columns(
     if not columns:
         return _ReadingColumns((), np.empty((0, 0)))
     return _ReadingColumns(tuple(columns), np.stack(list(columns.values()), axis=1))
+
+
+def _order_limits(limits: Mapping[str, tuple[float, float]], names: Sequence[str]) -> ReadingLimits:
+    """Return limits in the order of electrodes; those without an entry have infinite limits."""
+    pairs = [limits.get(name, (-math.inf, math.inf)) for name in names]
+    low, high = np.array(pairs, dtype=float).reshape(-1, 2).T
+    return ReadingLimits(low, high)
+
+
+def _join_names(names: Sequence[str], is_named: Mask) -> list[str]:
+    """Return for each row the names that `is_named`, of shape (n, names), marks, with spaces."""
+    texts = [""] * len(is_named)
+    for row in np.flatnonzero(is_named.any(axis=1)).tolist():
+        texts[row] = " ".join(np.array(names)[is_named[row]].tolist())
+    return texts
 
 
 def _convert_values_to_floats(values: Any, key: str) -> Array:
@@ -355,20 +406,27 @@ def _decide_initial_status(
         `TouchStatus.LOCATED` for rows that can be used, otherwise the reason.
     """
     any_row = np.zeros_like(readings_pC[:1])
-    is_determinable = measurement.make_problem(any_row, unknown).is_determinable
+    values = np.zeros(any_row.shape, dtype=int)
+    needed = len(measurement.make_problem(any_row, unknown, values).free_columns)
+    is_missing = ~np.isfinite(readings_pC)
+    is_value = (measurement.find_sides(readings_pC) == 0) & ~is_missing
+    value_counts = is_value.sum(axis=1)
     # Huge readings must not overflow.
     clipped = np.clip(readings_pC, -MAX_READING_PC, MAX_READING_PC)
     is_small = np.abs(measurement.to_signals(clipped)) < MIN_CHARGE_PC
     has_no_deviation = (is_small & (measurement.noise_pC == 0.0)).any(axis=1)
     lowest, highest = measurement.response.domain.force_N
     forces = known.get(TouchColumn.FORCE, np.full(len(readings_pC), lowest))
-    is_finite = np.isfinite([*readings_pC.T, *known.values()]).all(axis=0)
+    is_finite = np.isfinite([forces, *known.values()]).all(axis=0)
     status = np.full(len(readings_pC), TouchStatus.LOCATED, dtype=object)
     # If several reasons apply, the last one overwrites the others.
-    if not is_determinable:
+    is_too_few = value_counts < needed
+    status[is_too_few] = TouchStatus.CLIPPED
+    if readings_pC.shape[1] < needed:
         status[:] = TouchStatus.UNDETERMINED
     status[~((lowest <= forces) & (forces <= highest))] = TouchStatus.OUTSIDE
     status[is_small.all(axis=1) | has_no_deviation] = TouchStatus.ZERO
-    status[(np.abs(readings_pC) > MAX_READING_PC).any(axis=1)] = TouchStatus.TOO_LARGE
-    status[~is_finite] = TouchStatus.NOT_FINITE
+    is_too_large = (np.abs(readings_pC) > MAX_READING_PC) & ~is_missing
+    status[is_too_large.any(axis=1)] = TouchStatus.TOO_LARGE
+    status[(is_too_few & is_missing.any(axis=1)) | ~is_finite] = TouchStatus.NOT_FINITE
     return status

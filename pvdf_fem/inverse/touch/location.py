@@ -10,12 +10,10 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import READINGS
+from pvdf_fem.inverse.clipping import CLIPPED_ADVICE
+from pvdf_fem.inverse.coordinates import compute_extents, get_base_quantity
 from pvdf_fem.inverse.posterior import Posterior, profile_chi_square, sample_posterior
-from pvdf_fem.inverse.touch.location_problem import (
-    LocationProblem,
-    compute_extents,
-    get_base_quantity,
-)
+from pvdf_fem.inverse.touch.location_problem import LocationProblem
 from pvdf_fem.inverse.touch.touch import DETERMINED_RATIO, Touch, TouchStatus, decide_status
 from pvdf_fem.summary import Result, Summary, TextTable, format_with_error
 
@@ -35,7 +33,7 @@ class Explanation(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Location(Result):
-    """All likely touches for measured charges; each touch is by one probe or by two at once."""
+    """All likely touches for measured charges; each is a touch of one probe or of two."""
 
     #: The touches, with the lowest chi-square first; without degrees of freedom those that explain
     #: the charges first, and then by weight. Empty if no search converged.
@@ -55,7 +53,7 @@ class Location(Result):
     def status(self) -> TouchStatus:
         """`TouchStatus.LOCATED`, or the reason why the best touch may not be the true one."""
         if not self.problem.is_determinable:
-            return TouchStatus.UNDETERMINED
+            return TouchStatus.CLIPPED if self.clipped else TouchStatus.UNDETERMINED
         if not self.touches:
             return TouchStatus.NOT_FOUND
         return decide_status(self.best.explained, self.ambiguous, bool(self.best.at_edge))
@@ -72,13 +70,20 @@ class Location(Result):
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Number of charges less number of unknown quantities; may be negative."""
-        return self.problem.degrees_of_freedom
+        """Number of charges that are values minus number of unknowns; may be negative."""
+        return int(self.problem.degrees_of_freedom[0])
 
     @property
     def reading(self) -> str:
         """Meaning of the readings, a key of `READINGS`."""
         return self.problem.reading
+
+    @property
+    def clipped(self) -> tuple[str, ...]:
+        """Names of the electrodes whose readings are clipped: limits instead of values."""
+        (indices,) = np.nonzero(self.problem.is_clipped[0])
+        names = self.problem.response.names
+        return tuple(names[electrode] for electrode in self.problem.electrodes[indices])
 
     # ---- uncertainty
 
@@ -156,20 +161,23 @@ class Location(Result):
         other than a rotation differs from that of the best touch by more than the sum of the
         `Touch.deviations` of both.
         """
-        return sum(
-            1
-            for quantities in self._unknowns_distinguishing_alternatives
-            if quantities - {"rotation_deg"}
-        )
+        count = 0
+        for quantities in self._unknowns_distinguishing_alternatives:
+            if quantities - {"rotation_deg"}:
+                count += 1
+        return count
 
     @property
     def ambiguous(self) -> bool:
-        """Whether there is any of the touches that `alternatives` counts."""
+        """Whether there are any `alternatives`."""
         return self.alternatives > 0
 
     @cached_property
     def _unknowns_distinguishing_alternatives(self) -> list[set[str]]:
-        """Unknowns in which each further likely touch differs from the best, without indices."""
+        """Unknowns in which each further likely touch differs from the best one.
+
+        There is a set for each of these touches, with the names of the quantities without indices.
+        """
         likely = [touch for touch in self.touches[1:] if touch.weight > MIN_ALTERNATIVE_WEIGHT]
         if not likely:
             return []
@@ -203,37 +211,42 @@ class Location(Result):
     # ---- text, figure and JSON
 
     @property
-    def remarks(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[str, ...]:
         """Reasons why the best touch may not be the true one, in words; empty if there are none."""
+        clipped = f"clipped: {', '.join(self.clipped)}"
         if not self.problem.is_determinable:
-            count = len(self.problem.electrodes)
+            count = int(self.problem.value_counts[0])
             charges = f"{count} {'charge does' if count == 1 else 'charges do'}"
             reason = f"{charges} not determine {', '.join(self.unknown)}"
-            return (f"undetermined: {reason}; read more electrodes, or fix more quantities",)
-        remarks = self._format_explanations()
+            if self.clipped:
+                return (f"{clipped}; the other {reason}; {CLIPPED_ADVICE}",)
+            return (f"undetermined: {reason}; use more electrodes, or fix more quantities",)
+        notes = self._format_explanations()
+        if self.clipped:
+            notes.append(f"{clipped}: the readings are limits, not values; {CLIPPED_ADVICE}")
         if not self.touches:
-            return (*remarks, "no search converged: the charges fit no touch of the domain")
+            return (*notes, "no search converged: the charges fit no touch of the domain")
         best = self.best
         if not best.explained:
-            remarks.append(
+            notes.append(
                 f"unexplained: no touch of the response's domain fits; {self._goodness_of_fit}"
             )
         if self.ambiguous:
-            remarks.append(f"ambiguous: {1 + self.alternatives} touches are likely")
+            notes.append(f"ambiguous: {1 + self.alternatives} touches are likely")
         if not self._determines_position_and_force:
             directions = [_format_direction(self.unknown, row) for row in best.null_directions]
-            remarks.append(f"undetermined: free along {' and '.join(directions)}")
+            notes.append(f"undetermined: free along {' and '.join(directions)}")
         elif not best.determined or {"rotation_deg"} in self._unknowns_distinguishing_alternatives:
             others = "" if self.ambiguous else "; position and force are"
-            remarks.append(f"rotation is not determined{others}")
+            notes.append(f"rotation is not determined{others}")
         if best.at_edge:
             limits = ", ".join(best.at_edge)
             reason = "the touch may lie beyond"
-            remarks.append(f"at the edge of the response's domain ({limits}): {reason}")
-        return tuple(remarks)
+            notes.append(f"at the edge of the response's domain ({limits}): {reason}")
+        return tuple(notes)
 
     def _format_explanations(self) -> list[str]:
-        """Format a remark on each of `explanations`, with the touch for the corrected readings."""
+        """Format a note on each of `explanations`, with the touch for the corrected readings."""
         sentences = []
         for text, touch in self.explanations:
             position = f"({touch.x_mm:.4g}, {touch.y_mm:.4g}) mm"
@@ -255,7 +268,7 @@ class Location(Result):
         return f"a touch gives such charges once in {cases:.0e} cases ({chi_square} with {freedom})"
 
     def summary(self) -> Summary:
-        """Return status, remarks, a table for each touch, and a note on ±, to print."""
+        """Summarize status and remarks, with a table for each touch and a note on ±."""
         tables = []
         for number, touch in enumerate(self.touches, start=1):
             tables.append(self._make_table(number, touch))
@@ -266,7 +279,7 @@ class Location(Result):
             notes.append("±: the true value is within this of the value with a probability of 68 %")
         count = len(self.touches)
         listed = f"{count} {'touch' if count == 1 else 'touches'} listed"
-        sentences = [f"{listed}, from {READINGS[self.reading]}", *self.remarks]
+        sentences = [f"{listed}, from {READINGS[self.reading]}", *self.notes]
         return Summary(self.status, sentences, tables=tables, notes=notes)
 
     def _make_table(self, number: int, touch: Touch) -> TextTable:
@@ -316,7 +329,7 @@ class Location(Result):
         if not response.is_fast:
             return draw_touch_ellipses(response.scene, reach_mm, touches, x_keys)
         return draw_likelihood_map(
-            response.scene, reach_mm, touches, self._compute_distances, self.remarks
+            response.scene, reach_mm, touches, self._compute_distances, self.notes
         )
 
     def _compute_distances(self, positions_mm: Array) -> Array:
@@ -337,7 +350,7 @@ class Location(Result):
         return np.sqrt(np.maximum(excess, 0.0))
 
     def to_json(self) -> dict[str, Any]:
-        """Return status, remarks and touches as plain values for JSON.
+        """Return status, notes and touches as plain values for JSON.
 
         ``deviations`` are those of the best touch, empty if there is none.
         """
@@ -355,7 +368,8 @@ class Location(Result):
             "unknown": list(self.unknown),
             "degrees_of_freedom": self.degrees_of_freedom,
             "ambiguous": self.ambiguous,
-            "remarks": list(self.remarks),
+            "clipped": list(self.clipped),
+            "remarks": list(self.notes),
             "deviations": self.deviations if self.touches else {},
             "touches": touches,
         }

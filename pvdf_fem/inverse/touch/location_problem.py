@@ -15,12 +15,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
-from pvdf_fem.scene.changes import parse_key
+from pvdf_fem.inverse.calibration_errors import CalibrationErrors, whiten
+from pvdf_fem.inverse.coordinates import compute_longest_steps, slice_quantity
+from pvdf_fem.inverse.normal_equations import apply_one_sided_likelihood
 from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.surrogate.charge_function import (
@@ -36,46 +39,8 @@ POSITION = slice(TouchColumn.X, TouchColumn.Y + 1)
 #: Factor by which the domain of searches extends the response's maximum distance from the centre
 #: and its range of forces at both ends.
 SEARCH_MARGIN = 1.05
-#: Maximum steps of searches by base quantity: of a position as a fraction of the reach, of a
-#: rotation in degrees, of a logarithm of the force, of a tangential force in N, and of a
-#: temperature in K. The reach is the maximum distance of a touch from the centre.
-LONGEST_STEPS = {
-    "x_mm": 0.25,
-    "y_mm": 0.25,
-    "rotation_deg": 5.0,
-    "force_N": 1.0,
-    "tangential_N": 1.0,
-    "temperature_K": 5.0,
-}
 #: Distance of searches that lead to the same minimum, as a fraction of the maximum steps.
 MERGE_DISTANCE = 0.03
-#: Extent of the domain of tangential forces and temperatures, as a multiple of the maximum step.
-EXTENT = 4.0
-
-
-def get_base_quantity(quantity: str) -> str:
-    """Return a quantity's name without indices: ``x_mm`` for ``probe[1].x_mm``."""
-    parts = parse_key(quantity)
-    return next(name for name in LONGEST_STEPS if name in parts)
-
-
-def slice_quantity(response: ChargeFunction, column: int) -> slice:
-    """Return the columns that have one quantity, such as x, of all probes.
-
-    Parameters
-    ----------
-    response : ChargeFunction
-        The response of one or several probes.
-    column : int
-        Column of the quantity for one probe, a `TouchColumn`.
-
-    Returns
-    -------
-    slice
-        Columns of the quantity in arrays of touches or coordinates.
-    """
-    width = len(TOUCH_QUANTITIES)
-    return slice(column, width * count_probes(response), width)
 
 
 def evaluate_on_stage(
@@ -102,62 +67,34 @@ def evaluate_on_stage(
     """
     if not film_rotation_deg:
         return response.evaluate(touches)
-    to_film = np.eye(touches.shape[1])
+    charges, derivatives = response.evaluate(_rotate_to_film(response, touches, film_rotation_deg))
+    return charges, derivatives @ _make_film_rotation(response, film_rotation_deg)
+
+
+def _rotate_to_film(response: ChargeFunction, touches: Array, film_rotation_deg: float) -> Array:
+    """Convert touches from the axes of the stage to those of the film; shape (n, k) each."""
+    on_film = np.asarray(touches @ _make_film_rotation(response, film_rotation_deg).T)
+    on_film[:, slice_quantity(response, TouchColumn.ROTATION)] -= film_rotation_deg
+    return on_film
+
+
+def _make_film_rotation(response: ChargeFunction, film_rotation_deg: float) -> Array:
+    """Make the matrix that rotates the positions of a touch to the film's axes; shape (k, k)."""
+    to_film = np.eye(len(response.quantity_names))
     rotation = rotate(np.eye(2), film_rotation_deg)
     width = len(TOUCH_QUANTITIES)
     for first in range(0, width * count_probes(response), width):
         to_film[first : first + 2, first : first + 2] = rotation
-    on_film = touches @ to_film.T
-    on_film[:, slice_quantity(response, TouchColumn.ROTATION)] -= film_rotation_deg
-    charges, derivatives = response.evaluate(on_film)
-    return charges, derivatives @ to_film
+    return to_film
 
 
-@lru_cache(maxsize=8)
-def compute_longest_steps(response: ChargeFunction) -> Array:
-    """Compute the maximum step of searches along each coordinate.
+class ChargeResiduals(NamedTuple):
+    """Differences of charges from the measured ones."""
 
-    Parameters
-    ----------
-    response : ChargeFunction
-        The response with k quantities; results are cached for the last few responses.
-
-    Returns
-    -------
-    ndarray, shape (k,)
-        Maximum steps: `LONGEST_STEPS`, but in mm for positions.
-    """
-    steps = np.array([LONGEST_STEPS[get_base_quantity(name)] for name in response.quantity_names])
-    for column in (TouchColumn.X, TouchColumn.Y):
-        steps[slice_quantity(response, column)] *= response.domain.reach_mm
-    return steps
-
-
-@lru_cache(maxsize=8)
-def compute_extents(response: ChargeFunction) -> Array:
-    """Compute the extent of the response's domain along each coordinate.
-
-    It serves as the prior standard deviation of a coordinate.
-
-    Parameters
-    ----------
-    response : ChargeFunction
-        The response with k quantities; results are cached for the last few responses.
-
-    Returns
-    -------
-    ndarray, shape (k,)
-        Extents: the reach in mm for positions, half a period for rotations, the range of the
-        logarithm for forces, and `EXTENT` times the maximum step for further quantities.
-    """
-    lowest, highest = response.domain.log_force
-    sizes = EXTENT * compute_longest_steps(response)
-    for column in (TouchColumn.X, TouchColumn.Y):
-        sizes[slice_quantity(response, column)] = response.domain.reach_mm
-    half_periods = 0.5 * find_rotation_periods_deg(response)
-    sizes[slice_quantity(response, TouchColumn.ROTATION)] = half_periods
-    sizes[slice_quantity(response, TouchColumn.FORCE)] = highest - lowest
-    return sizes
+    system: Array  #: Augmented matrices [r J] in pC; shape (n, electrodes, 1 + k).
+    #: Derivatives of the residuals with respect to uncertain parameters of the film, see
+    #: `CalibrationErrors.evaluate_film`.
+    film_effects: Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +102,8 @@ class LocationProblem:
     """The least-squares problem of locating touches from rows of measured charges.
 
     It is a `LeastSquaresProblem` with the residuals (Q(c) - q)/σ of each electrode: the charge Q of
-    the response at the coordinates c, the measured charge q and its standard deviation σ.
+    the response at the coordinates c, the measured charge q and its standard deviation σ. Charges
+    whose readings are clipped are limits, see `apply_one_sided_likelihood`.
     """
 
     response: ChargeFunction  #: The response with k quantities.
@@ -176,6 +114,13 @@ class LocationProblem:
     #: Position and rotation of the film in the frame of touches.
     stage: Stage = field(default_factory=Stage)
     reading: str = "total"  #: Meaning of the readings, a key of `READINGS`.
+    #: 1 where the true charge is known to be above that in `charges_pC`, since the reading is
+    #: clipped, -1 where it is known to be below, 0 where the charge is a value; shape
+    #: (rows, electrodes). None if all charges are values. A missing charge is known to be above
+    #: minus infinity.
+    limit_sides: Indices | None = None
+    #: Errors of the charges that the calibration has left; None for none.
+    calibration: CalibrationErrors | None = None
 
     @property
     def centre_mm(self) -> tuple[float, float]:
@@ -184,8 +129,13 @@ class LocationProblem:
 
     def select_rows(self, rows: Indices) -> LocationProblem:
         """Return a problem with the rows of the charges at these indices only."""
-        charges = self.charges_pC[rows]
-        return replace(self, charges_pC=charges, deviations_pC=self.deviations_pC[rows])
+        return replace(
+            self,
+            charges_pC=self.charges_pC[rows],
+            deviations_pC=self.deviations_pC[rows],
+            limit_sides=None if self.limit_sides is None else self.limit_sides[rows],
+            calibration=None if self.calibration is None else self.calibration.select_rows(rows),
+        )
 
     # ---- coordinates and touches
 
@@ -242,7 +192,7 @@ class LocationProblem:
         return coordinates
 
     def compute_differences(self, coordinates: Array, others: Array) -> Array:
-        """Compute differences of coordinates or touches, the shortest ones for rotations.
+        """Compute differences of coordinates or touches, wrapped for rotations.
 
         Parameters
         ----------
@@ -286,6 +236,33 @@ class LocationProblem:
         ndarray, shape (n, electrodes, 1 + k)
             Augmented matrices [r J]; in J only the `free_columns` can be nonzero.
         """
+        measured = slice(1) if rows is None else rows
+        residuals = self.compute_residuals(coordinates, measured)
+        system = residuals.system
+        if self.calibration is None:
+            # 1/deviation, and zero in columns that are not free
+            system *= self._weights[measured]
+        else:
+            effects = self.calibration.compute_effects(
+                coordinates, system[:, :, 1:], residuals.film_effects, measured
+            )
+            deviations = self.deviations_pC[measured]
+            system = whiten(system, deviations, effects, self.is_limit[measured])
+            system[:, :, 1:] *= self._free_mask
+        if self.limit_sides is not None:
+            apply_one_sided_likelihood(system, self.limit_sides[measured])
+        return system
+
+    def compute_residuals(self, coordinates: Array, measured: Indices | slice) -> ChargeResiduals:
+        """Compute the differences of charges from the measured ones, which are not whitened.
+
+        Parameters
+        ----------
+        coordinates : ndarray, shape (n, k)
+            Coordinates of touches.
+        measured : ndarray of int, shape (n,), or slice
+            Rows of the measured charges.
+        """
         inside = self.project_onto_domain(coordinates)
         columns = self.force_columns
         forces = np.exp(inside[:, columns])
@@ -293,7 +270,11 @@ class LocationProblem:
         touches[:, columns] = forces
         rotation_deg = self.stage.rotation_deg
         charges, derivatives = evaluate_on_stage(self.response, touches, rotation_deg)
-        measured = slice(1) if rows is None else rows
+        film_effects = None
+        if self.calibration is not None:
+            on_film = _rotate_to_film(self.response, touches, rotation_deg)
+            slopes = derivatives @ _make_film_rotation(self.response, rotation_deg).T
+            film_effects = self.calibration.evaluate_film(on_film, charges, slopes)
         system = np.empty((len(coordinates), len(self.electrodes), 1 + coordinates.shape[1]))
         residuals = system[:, :, 0]
         residuals[:] = charges.take(self.electrodes, axis=1) - self.charges_pC[measured]
@@ -303,8 +284,7 @@ class LocationProblem:
         if inside is not coordinates:  # some coordinates are outside: extrapolate linearly
             beyond = coordinates - inside
             residuals += np.matmul(jacobian, beyond[:, :, None])[:, :, 0]
-        system *= self._weights[measured]  # 1/deviation, and zero in columns that are not free
-        return system
+        return ChargeResiduals(system, film_effects)
 
     @cached_property
     def _weights(self) -> Array:
@@ -422,15 +402,32 @@ class LocationProblem:
         """Distances along each coordinate below which searches lead to one minimum; shape (k,)."""
         return MERGE_DISTANCE * self.longest_steps
 
+    @cached_property
+    def is_limit(self) -> Mask:
+        """Whether each charge is a limit instead of a value; shape (rows, electrodes)."""
+        if self.limit_sides is None:
+            return np.zeros(self.charges_pC.shape, dtype=bool)
+        return np.asarray(self.limit_sides != 0)
+
+    @cached_property
+    def is_clipped(self) -> Mask:
+        """Whether each charge is a limit since its reading is clipped; shape (rows, electrodes)."""
+        return np.asarray(self.is_limit & np.isfinite(self.charges_pC))
+
     @property
-    def degrees_of_freedom(self) -> int:
-        """Number of charges less number of free quantities; may be negative."""
-        return len(self.electrodes) - len(self.unknown)
+    def value_counts(self) -> Indices:
+        """Number of charges of each row that are values; shape (rows,)."""
+        return np.asarray((~self.is_limit).sum(axis=1))
+
+    @property
+    def degrees_of_freedom(self) -> Indices:
+        """Number of values minus number of free quantities for each row; may be negative."""
+        return self.value_counts - len(self.unknown)
 
     @property
     def is_determinable(self) -> bool:
-        """Whether there are at least as many electrodes as there are `free_columns`."""
-        return len(self.electrodes) >= len(self.free_columns)
+        """Whether every row has at least as many values as there are `free_columns`."""
+        return bool((self.value_counts >= len(self.free_columns)).all())
 
     @property
     def free_columns(self) -> Indices:

@@ -2,8 +2,8 @@
 
 A reading in nominal pC is a voltage times the nominal capacitance of the electrode's channel in the
 scene's readout. It equals gain · signal + offset with the channel's gain and offset. The signal is
-either the total charge (``total``), or the change of the charge by the touch (``change``), as read
-by an amplifier that was zeroed before the touch.
+either the total charge (``total``), or the change of the charge due to the touch (``change``), as
+read by an amplifier that was zeroed before the touch.
 """
 
 from __future__ import annotations
@@ -17,8 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.electrodes.channel import READINGS, list_units_pC, make_channels
+from pvdf_fem.electrodes.channel import READINGS, Channel, list_units_pC, make_channels
 from pvdf_fem.electrodes.misreadings import list_misreadings
+from pvdf_fem.inverse.calibration_errors import CalibrationErrors
+from pvdf_fem.inverse.clipping import ReadingLimits, compute_range_limits
 from pvdf_fem.inverse.touch.location_problem import LocationProblem
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.stage import Stage
@@ -37,6 +39,7 @@ class Measurement:
 
     response: ChargeFunction  #: The response of the sensor.
     electrodes: Indices  #: Indices of the electrodes in the response.
+    channels: tuple[Channel, ...]  #: Channels of the electrodes.
     reading: str  #: Meaning of the readings, a key of `READINGS`.
     unit: str  #: Unit in which the user gave the readings, a key of `list_units_pC`.
     gains: Array  #: Gains of the channels.
@@ -46,6 +49,9 @@ class Measurement:
     unloaded_errors_pC: Array  #: Estimated errors of the charges of the unloaded film.
     sigma: Array  #: Standard deviation of a signal as a fraction of the signal.
     noise_pC: Array  #: Further standard deviation of a reading in nominal pC.
+    limits_pC: ReadingLimits  #: Readings in nominal pC at which the channels clip.
+    #: Errors that the calibration has left, or None without any.
+    calibration: CalibrationErrors | None = None
 
     @classmethod
     def from_response(
@@ -56,8 +62,9 @@ class Measurement:
         noise_pC: Deviations | None,
         reading: str | None,
         unit: str = "pC",
+        include_calibration: bool = False,
     ) -> Measurement:
-        """Describe how some of a response's electrodes are read, from arguments and the readout.
+        """Make the measurement of some electrodes from arguments and the scene's readout.
 
         Parameters
         ----------
@@ -73,6 +80,8 @@ class Measurement:
             Meaning of the readings, a key of `READINGS`; None for that of the readout.
         unit : str
             Unit in which the user gave the readings. Only `list_alternatives` needs it.
+        include_calibration : bool
+            Whether errors that the calibration of the response's scene has left are included.
 
         Raises
         ------
@@ -82,9 +91,9 @@ class Measurement:
             If changes are read, but the film has no equilibrium without a load.
         """
         values_by_name = get_channel_values(response.scene)
-        channels = [values_by_name[name] for name in names]
+        values = [values_by_name[name] for name in names]
         if noise_pC is None:
-            noise = np.array([channel.noise_pC for channel in channels])
+            noise = np.array([each.noise_pC for each in values])
         else:
             noise = _make_deviations(noise_pC, names)
         relative = _make_deviations(sigma, names)
@@ -94,18 +103,26 @@ class Measurement:
         if reading is None:
             reading = get_reading(response.scene)
         electrodes = np.array([response.names.index(name) for name in names])
+        every_channel = make_channels(response.scene)
+        channels = tuple(every_channel[index] for index in electrodes)
         unloaded, unloaded_errors = compute_unloaded_charges(response, reading)
+        calibration = None
+        if include_calibration:
+            calibration = CalibrationErrors.from_response(response, electrodes.tolist(), reading)
         return cls(
             response=response,
             electrodes=electrodes,
+            channels=channels,
             reading=reading,
             unit=unit,
-            gains=np.array([channel.gain for channel in channels]),
-            offsets_pC=np.array([channel.offset_pC for channel in channels]),
+            gains=np.array([each.gain for each in values]),
+            offsets_pC=np.array([each.offset_pC for each in values]),
             unloaded_pC=unloaded[electrodes],
             unloaded_errors_pC=unloaded_errors[electrodes],
             sigma=relative,
             noise_pC=noise,
+            limits_pC=compute_range_limits(channels, "pC"),
+            calibration=calibration,
         )
 
     @property
@@ -146,21 +163,32 @@ class Measurement:
         signals = charges_pC - self.zero_pC
         return np.asarray(np.hypot(self.sigma * signals, self.noise_pC / self.gains))
 
-    def make_problem(self, readings_pC: Array, unknown: Indices) -> LocationProblem:
+    def find_sides(self, readings_pC: Array) -> Indices:
+        """Find the readings that are clipped, see `ReadingLimits.find_sides`."""
+        return self.limits_pC.find_sides(readings_pC)
+
+    def make_problem(
+        self, readings_pC: Array, unknown: Indices, sides: Indices | None = None
+    ) -> LocationProblem:
         """Convert readings to a least-squares problem of total charges and standard deviations.
 
         Parameters
         ----------
         readings_pC : ndarray, shape (n, electrodes)
             Readings in nominal pC (volts times the channel's nominal capacitance), one touch per
-            row.
+            row; NaN where missing.
         unknown : ndarray of int
             Columns of the free quantities, see `TouchColumn`.
+        sides : ndarray of int, shape (n, electrodes), optional
+            1 for readings that are clipped above, -1 for those that are clipped below, 0 for
+            values. By default `find_sides` decides; then clipped readings are replaced by limits.
 
         Returns
         -------
         LocationProblem
             The problem of total charges and their standard deviations, one row for each touch.
+            Charges with clipped readings are limits, and those without readings have limits at
+            minus infinity.
 
         Notes
         -----
@@ -168,11 +196,20 @@ class Measurement:
         the error of the unloaded charges. The error of the response is assumed to be uniformly
         distributed within its relative bound ε of the charge q, hence the factor 1/√3.
         """
+        if sides is None:
+            sides = self.find_sides(readings_pC)
+            readings_pC = self.limits_pC.replace_clipped(readings_pC, sides)
+        is_missing = ~np.isfinite(readings_pC) & (sides == 0)
+        readings_pC = np.where(is_missing, self.offsets_pC, readings_pC)
         charges = self.to_signals(readings_pC) + self.zero_pC
         response_error = self.response.error_bound / math.sqrt(3.0)
         variance = np.square(self.compute_noise(charges)) + np.square(response_error * charges)
         if self.reading == "change":
             variance += np.square(self.unloaded_errors_pC)
+        limit_sides = (sides * np.sign(self.gains)).astype(int)
+        charges[is_missing] = -np.inf
+        variance[is_missing] = 1.0
+        limit_sides[is_missing] = 1
         return LocationProblem(
             response=self.response,
             electrodes=self.electrodes,
@@ -181,6 +218,8 @@ class Measurement:
             unknown=unknown,
             stage=self.response.scene.stage or Stage(),
             reading=self.reading,
+            limit_sides=limit_sides if limit_sides.any() else None,
+            calibration=self.calibration and self.calibration.with_signals(charges - self.zero_pC),
         )
 
     def list_alternatives(self) -> Iterator[AlternativeReading]:
@@ -193,9 +232,7 @@ class Measurement:
             other = "change" if self.reading == "total" else "total"
             meaning = replace(self, reading=other)
             yield AlternativeReading(f"readings are {READINGS[other]}", meaning, np.asarray)
-        every_channel = make_channels(self.response.scene)
-        channels = [every_channel[index] for index in self.electrodes]
-        for misreading in list_misreadings(channels, self.unit):
+        for misreading in list_misreadings(self.channels, self.unit):
             if misreading.swapped_count <= 2:
                 yield AlternativeReading(misreading.text, self, misreading.correct)
 
@@ -229,7 +266,7 @@ def get_channel_values(scene: Scene) -> dict[str, ChannelValues]:
 
 
 def get_units_pC(scene: Scene, unit: str) -> dict[str, float]:
-    """Return by electrode how many nominal pC one unit of readings is: 1 for pC.
+    """Return the size of a unit of readings in nominal pC, by electrode; 1 for pC.
 
     An unknown unit counts as pC, so that it can be reported later with other mistakes.
     """

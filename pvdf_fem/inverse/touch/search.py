@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.inverse.coordinates import compute_extents, slice_quantity
 from pvdf_fem.inverse.least_squares import (
     SearchOptions,
     SearchResult,
@@ -18,11 +19,7 @@ from pvdf_fem.inverse.least_squares import (
 )
 from pvdf_fem.inverse.touch.initial_candidates import find_initial_candidates
 from pvdf_fem.inverse.touch.location import Location
-from pvdf_fem.inverse.touch.location_problem import (
-    LocationProblem,
-    compute_extents,
-    slice_quantity,
-)
+from pvdf_fem.inverse.touch.location_problem import LocationProblem
 from pvdf_fem.inverse.touch.touch import (
     Touch,
     compute_covariance_roots,
@@ -123,7 +120,8 @@ def search_everywhere(
     coordinates = candidates.coordinates[0]
     chi_square = candidates.chi_square[0]
     residual_norm = np.sqrt(chi_square)
-    charge_norm = np.linalg.norm(problem.charges_pC / problem.deviations_pC)
+    values = (problem.charges_pC / problem.deviations_pC)[~problem.is_limit]
+    charge_norm = np.linalg.norm(values)
     allowance = options.max_excess**0.5 + options.neglected_fraction * charge_norm
     is_unlikely = residual_norm > residual_norm.min(axis=1, keepdims=True) + allowance
     coordinates = coordinates[~is_unlikely]
@@ -242,10 +240,12 @@ def make_location(
             at_edge=limits[index],
         )
         touches.append(touch)
-    if problem.degrees_of_freedom <= 0:
+    if problem.degrees_of_freedom[0] <= 0:
         # Every touch can fit exactly; chi-square depends on where searches stop and ranks nothing.
         touches.sort(key=lambda touch: (touch.explained, touch.weight), reverse=True)
-    log_norm = math.log(2.0 * math.pi) / 2.0 + np.log(problem.deviations_pC[0])
+    # Limits have probabilities instead of densities, so that nothing is to be normalised.
+    deviations_pC = problem.deviations_pC[0][~problem.is_limit[0]]
+    log_norm = math.log(2.0 * math.pi) / 2.0 + np.log(deviations_pC)
     log_evidence = log_total - float(log_norm.sum())
     return Location(tuple(touches), unknown, log_evidence, problem)
 
@@ -263,7 +263,15 @@ class TouchDescriptions(NamedTuple):
 
 
 def describe_touches(problem: LocationProblem, ends: SearchResult) -> TouchDescriptions:
-    """Compute values, covariances and goodness of fit of the touches at end points of searches."""
+    """Compute values, covariances and goodness of fit of the touches at end points of searches.
+
+    Parameters
+    ----------
+    problem : LocationProblem
+        A single row of charges, or one row for each end point.
+    ends : SearchResult
+        End points of the searches.
+    """
     unknown = problem.unknown
     values = problem.to_touches(ends.coordinates)
     scale = problem.compute_touch_scale(values)[:, unknown]
@@ -303,14 +311,13 @@ def find_distinct_ends(
     ranking = ends.ranking
     rotations = slice_quantity(problem.response, TouchColumn.ROTATION)
     order = ranking.argsort(kind="stable")
-    rows = order[ranking[order] <= ranking.min() + options.max_excess]
+    lowest = ranking.min(initial=np.inf)  # infinite if no search was made
+    rows = order[ranking[order] <= lowest + options.max_excess]
     rows = rows[ends.converged[rows]]
     distinct = []
     while len(rows):
-        best = rows[0]
+        best, rows = rows[0], rows[1:]
         distinct.append(best)
-        if len(rows) == 1:
-            break
         differences = problem.compute_differences(ends.coordinates[rows], ends.coordinates[best])
         change = np.square(differences @ ends.jacobian[best].T).sum(axis=1)
         is_duplicate = change < options.duplicate_chi_square

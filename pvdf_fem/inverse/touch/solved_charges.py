@@ -14,7 +14,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.inverse.touch.location_problem import LONGEST_STEPS, POSITION, get_base_quantity
+from pvdf_fem.inverse.coordinates import LONGEST_STEPS, get_base_quantity
+from pvdf_fem.inverse.touch.location_problem import POSITION
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.changes import get_number, parse_key, to_plain_value
 from pvdf_fem.scene.placed.probe import HEAT_KEYS, ListedProbe
@@ -241,7 +242,7 @@ def _list_quantity_names(touches: int, unknown: Sequence[str]) -> tuple[str, ...
 
 
 def _choose_domain(scene: Scene, touches: int) -> Domain:
-    """Determine the domain that is common to all probes of a scene with a list of probes.
+    """Choose the domain that is common to all probes of a scene with a list of probes.
 
     The reach is the smallest one of all probes, and the range of forces is that of the first probe.
     """

@@ -16,13 +16,14 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.loads.profiles import pin_profile_files
+from pvdf_fem.inverse.coordinates import get_base_quantity
 from pvdf_fem.inverse.least_squares import (
     SearchResult,
     concatenate_results,
     run_levenberg_marquardt,
 )
 from pvdf_fem.inverse.single_touches import SingleTouches, tabulate_single_touches
-from pvdf_fem.inverse.touch.location_problem import POSITION, LocationProblem, get_base_quantity
+from pvdf_fem.inverse.touch.location_problem import POSITION, LocationProblem
 from pvdf_fem.inverse.touch.search import LocateOptions, find_distinct_ends
 from pvdf_fem.inverse.touch.solved_charges import (
     UNSOLVED_PC,
@@ -46,9 +47,9 @@ def search_touches_by_solves(
 ) -> SearchResult:
     """Search for the touch of one probe, or of two simultaneous ones, by full solves.
 
-    Searches with coarse solves begin at the candidates with the lowest chi-square, and then beside
-    the best end point. Searches with fine solves continue from the distinct end points. All this is
-    repeated for the remaining candidates if no end point explains the charges.
+    Searches with coarse solves begin at the candidates with the lowest chi-square, and further ones
+    beside the best end point. Searches with fine solves continue from the distinct end points. If
+    no end point explains the charges, the same is done for the remaining candidates.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def search_touches_by_solves(
     coarse = _make_coarse_problem(problem, response, options)
     swapped_columns = response.swapped_columns
     candidates = []
-    for unheated in _make_unheated_problems(coarse):
+    for unheated in _fix_temperatures(coarse):
         candidates.append(
             _improve_superposition_candidates(unheated, response.scene_touch, options)
         )
@@ -93,7 +94,7 @@ def search_touches_by_solves(
 def _make_coarse_problem(
     problem: LocationProblem, response: SolvedResponse, options: LocateOptions
 ) -> LocationProblem:
-    """Return a copy of a problem with coarse solves and accordingly larger standard deviations.
+    """Return a copy of a problem with coarse solves and correspondingly larger deviations.
 
     Parameters
     ----------
@@ -162,8 +163,8 @@ def search_along_weak_direction(
     return ends
 
 
-def _make_unheated_problems(problem: LocationProblem) -> Iterator[LocationProblem]:
-    """Yield copies of a problem with fixed temperatures, for candidates by superposition.
+def _fix_temperatures(problem: LocationProblem) -> Iterator[LocationProblem]:
+    """Yield copies of a problem with fixed temperatures, to find candidates by superposition.
 
     The first problem has the charges of all electrodes. If a temperature is unknown, problems that
     omit one electrode each follow, since a warm probe above an electrode changes its charge most.
@@ -178,11 +179,13 @@ def _make_unheated_problems(problem: LocationProblem) -> Iterator[LocationProble
     if len(unheated_columns) == len(problem.unknown):
         return
     for omitted in range(len(problem.electrodes)):
+        sides = problem.limit_sides
         yield replace(
             all_electrodes,
             electrodes=np.delete(problem.electrodes, omitted),
             charges_pC=np.delete(problem.charges_pC, omitted, axis=1),
             deviations_pC=np.delete(problem.deviations_pC, omitted, axis=1),
+            limit_sides=None if sides is None else np.delete(sides, omitted, axis=1),
         )
 
 
@@ -252,7 +255,7 @@ class _Superpositions(NamedTuple):
     """Combinations of single touches that are fitted to measured charges."""
 
     positions_mm: Array  #: Positions x, y of the probes on the film; shape (n, probes, 2).
-    #: Factors of the changes of the charges by the single touches; shape (n, probes).
+    #: Factors on the changes of the charges due to the single touches; shape (n, probes).
     amplitudes: Array
 
 
@@ -327,10 +330,11 @@ def _fit_superpositions(
 
     Notes
     -----
-    Let the rows of D be the changes of the charges by the single touches of a combination, divided
-    by the standard deviations of the charges, and q the measured change, divided likewise. The
+    Let the rows of D be the changes of the charges due to the single touches of a combination, and
+    q the measured change, both divided by the standard deviations of the charges. The
     amplitudes a that minimise |Dᵀa - q|² solve the normal equations DDᵀ a = D q, and the fit lowers
-    |q|² by (D q)ᵀa. A slight regularisation is added, since two single touches may be alike.
+    |q|² by (D q)ᵀa. A slight regularisation is added, since two single touches may have nearly the
+    same charges.
     """
     electrodes = problem.electrodes
     deviations = problem.deviations_pC[0]
@@ -341,6 +345,9 @@ def _fit_superpositions(
         changes.append(table.charges_pC[:, electrodes] - unloaded)
     whitened = np.concatenate(changes) / deviations
     measured = (problem.charges_pC[0] - unloaded) / deviations
+    is_limit = problem.is_limit[0]  # limits have no weight
+    whitened[:, is_limit] = 0.0
+    measured[is_limit] = 0.0
     combinations_of_rows = _list_combinations(tables)
     products = whitened @ whitened.T
     right_sides = (whitened @ measured)[combinations_of_rows]

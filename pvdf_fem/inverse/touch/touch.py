@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import chdtrc, chdtri
 
-from pvdf_fem.arrays import Array, Mask, finite_or_none
+from pvdf_fem.arrays import Array, Indices, Mask, finite_or_none
 from pvdf_fem.summary import Result, Summary
 
 #: Charges count as unexplained if their p-value is below this.
@@ -19,26 +19,31 @@ SIGNIFICANCE = 1e-3
 DETERMINED_RATIO = 3.0
 
 
-def compute_p_values(chi_square: Array, degrees_of_freedom: int) -> Array:
+def compute_p_values(chi_square: Array, degrees_of_freedom: int | Indices) -> Array:
     """Compute p-values: the probability that a correct response has a larger chi-square.
 
     Parameters
     ----------
     chi_square : ndarray, shape (n,)
         Sums of squared whitened residuals at the minima.
-    degrees_of_freedom : int
-        Number of charges less number of unknown quantities.
+    degrees_of_freedom : int or ndarray of int, shape (n,)
+        Number of values among the charges less number of unknown quantities.
 
     Returns
     -------
     ndarray, shape (n,)
         Survival function of the chi-square distribution; NaN if there is no degree of freedom.
+
+    Notes
+    -----
+    Charges that are limits are not counted as degrees of freedom, though their contributions
+    -2 ln Φ(z) to chi-square are. These are negligible unless the charge is within two standard
+    deviations of its limit or beyond it.
     """
-    if degrees_of_freedom <= 0:
-        return np.full(len(chi_square), np.nan)
+    freedom = np.broadcast_to(degrees_of_freedom, np.shape(chi_square))
     # scipy.stats has the same function, but takes half a second to import.
-    p_values: Array = chdtrc(degrees_of_freedom, chi_square)
-    return p_values
+    p_values: Array = chdtrc(np.maximum(freedom, 1), chi_square)
+    return np.where(freedom > 0, p_values, np.nan)
 
 
 @lru_cache(maxsize=64)
@@ -51,7 +56,7 @@ def compute_chi_square_limit(degrees_of_freedom: int) -> float:
 
 
 def mark_plausible(
-    chi_square: Array, degrees_of_freedom: int, significance: float = SIGNIFICANCE
+    chi_square: Array, degrees_of_freedom: int | Indices, significance: float = SIGNIFICANCE
 ) -> Mask:
     """Mark values of chi-square that are small enough for the response to explain the charges.
 
@@ -59,8 +64,9 @@ def mark_plausible(
     ----------
     chi_square : ndarray, shape (n,)
         Sums of squared whitened residuals at the minima.
-    degrees_of_freedom : int
-        Number of charges less number of unknown quantities. Fewer than one count as one: the
+    degrees_of_freedom : int or ndarray of int, shape (n,)
+        Number of values among the charges less number of unknown quantities. Fewer than one count
+        as one: the
         charges can then be matched exactly, unless the touch is at the edge of the domain, which
         imposes one condition.
     significance : float
@@ -71,7 +77,8 @@ def mark_plausible(
     ndarray of bool, shape (n,)
         True if the p-value is not below `significance`, and also if chi-square is NaN.
     """
-    plausible: Mask = ~(compute_p_values(chi_square, max(degrees_of_freedom, 1)) < significance)
+    freedom = np.maximum(degrees_of_freedom, 1)
+    plausible: Mask = ~(compute_p_values(chi_square, freedom) < significance)
     return plausible
 
 
@@ -127,9 +134,13 @@ class TouchStatus(StrEnum):
     UNEXPLAINED = "unexplained"  #: The best touch in the response's domain does not fit.
     #: There are fewer charges than unknown quantities, so that no search is made.
     UNDETERMINED = "undetermined"
+    #: So many readings are clipped that the others are fewer than unknown quantities.
+    CLIPPED = "clipped"
     #: No search converged: the charges fit no touch in the response's domain.
     NOT_FOUND = "no_touch_found"
-    NOT_FINITE = "not_finite"  #: A reading or a known quantity is NaN or infinite.
+    #: A known quantity is NaN or infinite, or so many readings are missing that the others are
+    #: fewer than unknown quantities.
+    NOT_FINITE = "not_finite"
     TOO_LARGE = "too_large"  #: A charge exceeds `MAX_READING_PC`.
     #: All charges are below `MIN_CHARGE_PC`, so that there is no touch; or one of them is, and has
     #: no standard deviation because its channel has no noise.

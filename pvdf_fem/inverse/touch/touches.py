@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pvdf_fem.arrays import Array, Indices, Mask
+from pvdf_fem.inverse.clipping import CLIPPED_ADVICE
 from pvdf_fem.inverse.least_squares import SearchResult
 from pvdf_fem.inverse.touch.location_problem import LocationProblem
 from pvdf_fem.inverse.touch.search import describe_touches
@@ -31,7 +32,7 @@ class Touches(TabularResult):
     reading: str  #: Meaning of the readings, a key of `READINGS`.
     unknown: tuple[str, ...]  #: Names of the free quantities.
     status: NDArray[np.object_]  #: `TouchStatus` of each row; shape (n,).
-    #: Covariances by the curvature of the likelihood, like `Touch.covariance`;
+    #: Covariances from the curvature of the likelihood, like `Touch.covariance`;
     #: shape (n, unknown, unknown).
     covariances: Array
     #: Standard deviations from `covariances`; or, if `locate_many` was called with `calibrated`,
@@ -47,6 +48,10 @@ class Touches(TabularResult):
     #: there is none; shape (n,).
     explanations: NDArray[np.object_]
     at_edge: Mask  #: Whether the touch is at a limit of the response's domain; shape (n,).
+    #: Names of the electrodes whose readings are clipped, separated by spaces; shape (n,).
+    clipped: NDArray[np.object_]
+    #: Names of the electrodes whose readings are missing, separated by spaces; shape (n,).
+    missing: NDArray[np.object_]
 
     @classmethod
     def make_empty(
@@ -80,6 +85,8 @@ class Touches(TabularResult):
             p_value=np.full(rows, np.nan),
             explanations=np.full(rows, "", dtype=object),
             at_edge=np.zeros(rows, dtype=bool),
+            clipped=np.full(rows, "", dtype=object),
+            missing=np.full(rows, "", dtype=object),
         )
 
     @property
@@ -105,6 +112,7 @@ class Touches(TabularResult):
         """
         self.status[rows[~ends.converged]] = TouchStatus.NOT_FOUND
         rows = rows[ends.converged]
+        problem = problem.select_rows(np.flatnonzero(ends.converged))
         ends = ends.select(np.flatnonzero(ends.converged))
         described = describe_touches(problem, ends)
         roots = described.covariance_roots
@@ -126,7 +134,7 @@ class Touches(TabularResult):
         self.status[rows] = list(map(decide_status, explained, ambiguous, at_edge))
 
     def summary(self) -> Summary:
-        """Return the number of explained rows, and a table of touches, to print."""
+        """Summarize how many rows are explained, with a table of the touches."""
         explained = f"{int(self.explained.sum())} of {len(self.status)} rows are explained"
         return Summary("touches", [explained], [TextTable.from_columns(self.columns())])
 
@@ -138,8 +146,9 @@ class Touches(TabularResult):
         dict of str to ndarray
             Columns of n values by name: the quantities; their deviations, NaN for fixed quantities;
             chi-square and p-value; the number of alternatives, None unless `calibrated` was set;
-            the status; and remarks such as ``explained if`` with a mistake in the readings,
-            ``undetermined`` or ``at edge``.
+            the status; remarks such as ``explained if`` with a mistake in the readings,
+            ``undetermined``, ``at edge`` or ``no reading of A``; and the electrodes with clipped
+            readings.
         """
         deviations = np.full(self.values.shape, np.nan)
         columns = [TOUCH_QUANTITIES.index(name) for name in self.unknown]
@@ -156,6 +165,7 @@ class Touches(TabularResult):
         table["alternatives"] = np.array(counts, dtype=object)
         table["status"] = self.status
         table["remark"] = self._make_remarks()
+        table["clipped"] = self.clipped
         return table
 
     columns = to_table
@@ -168,4 +178,7 @@ class Touches(TabularResult):
         remarks[has_touch & self.at_edge] += "; at edge"
         has_few_channels = (self.status == TouchStatus.UNDETERMINED) & ~has_touch
         remarks[has_few_channels] += "; fewer channels than unknown quantities"
+        for row in np.flatnonzero(self.missing != "").tolist():
+            remarks[row] += f"; no reading of {self.missing[row]}"
+        remarks[self.status == TouchStatus.CLIPPED] += f"; {CLIPPED_ADVICE}"
         return np.array([remark.removeprefix("; ") for remark in remarks], dtype=object)

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from pvdf_fem.electrodes.channel import READINGS
+from pvdf_fem.electrodes.channel import READINGS, find_unit_errors
 from pvdf_fem.inverse.touch.measurement import (
     ChannelValues,
     Deviations,
@@ -23,7 +23,6 @@ from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, Domain
 
 MAX_READING_PC = 1e12  #: Maximum magnitude of a reading in pC; larger ones are in another unit.
 MIN_CHARGE_PC = 1e-12  #: Charges or changes with a smaller magnitude in pC count as zero.
-UNITS = ("pC", "V")  #: Units of readings.
 
 
 def as_float(value: Any) -> float:
@@ -43,7 +42,7 @@ def find_reading_errors(
     noise_pC: Deviations | None = None,
     reading: str | None = None,
     unloaded_charges: UnloadedCharges | None = None,
-    unit: str = "pC",
+    unit: str | None = None,
 ) -> Iterator[str]:
     """Yield an error message for each mistake in readings, their unit and standard deviations.
 
@@ -62,8 +61,8 @@ def find_reading_errors(
     unloaded_charges : UnloadedCharges, optional
         Charges of the unloaded film if a response stores them. By default the unloaded film is
         solved if `reading` requires it.
-    unit : str
-        Unit in which the user gave the readings, of `UNITS`.
+    unit : str, optional
+        Unit in which the user gave the readings. Default: that of `get_reading_unit`.
 
     Yields
     ------
@@ -72,10 +71,7 @@ def find_reading_errors(
     """
     channels = get_channel_values(scene)
     names = ", ".join(channels)
-    if unit not in UNITS:
-        yield f"unit = {unit}: choose from {', '.join(UNITS)}"
-    elif unit == "V" and scene.readout is None:
-        yield "unit = V: the scene has no [readout]; add one, or give readings in pC"
+    yield from find_unit_errors(scene, unit)
     if not isinstance(readings, Mapping):
         example = f"{{{next(iter(channels))!r}: 700.0}}"
         yield f"readings = {readings!r:.60}: must be a dict by electrode, such as {example}"

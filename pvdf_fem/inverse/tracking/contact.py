@@ -6,19 +6,26 @@ import math
 
 import numpy as np
 
-from pvdf_fem.arrays import Array
-from pvdf_fem.inverse.tracking.charge_record import ChargeRecord
-from pvdf_fem.inverse.tracking.charge_sample import ChargeSample
-from pvdf_fem.inverse.tracking.circuit import ReadoutCircuit
-from pvdf_fem.inverse.tracking.contact_problem import CandidateTouches, ContactProblem
+from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.inverse.tracking.charges.charge_record import ChargeRecord
+from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
+from pvdf_fem.inverse.tracking.problem.contact_problem import CandidateTouches, ContactProblem
+from pvdf_fem.inverse.tracking.problem.force_curve import ForceCurve
+from pvdf_fem.inverse.tracking.signal.baseline import BaselineSnapshot
+from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.surrogate.touch_domain import TouchColumn
+
+#: Number of samples after which the errors of an explained contact are checked again.
+LOST_CHECK_SAMPLES = 32
+#: Number of samples after which steps of single channels are looked for again.
+STEP_CHECK_SAMPLES = 8
 
 
 class ContactLocator:
     """Estimates the position and the force of a contact while its charges change.
 
     The position is located from the peak of the charges, first as soon as there are enough samples
-    and their charges are significant. If that fails, it is tried again at the next sample.
+    and their charges are significant. If that fails, it is tried again when there are a few more.
     Afterwards the position is located again each time the number of samples has grown by the
     fraction `TrackOptions.relocation_growth`. At every sample the force at this position is fitted.
 
@@ -36,8 +43,10 @@ class ContactLocator:
         self.coordinates = np.full(4, math.nan)
         self.chi_square = math.nan  #: Chi-square of the charges of the last sample.
         self.impulse_N_s = 0.0  #: Integral of the force over time, from the first location on.
-        # Number of samples at the last attempt to locate; before the first attempt, the minimum.
-        self._last_attempt_count = self.options.min_location_samples
+        #: Whether too few channels were measured at the peak; set by `relocate`.
+        self.is_peak_undetermined = False
+        self._curve: ForceCurve | None = None
+        self._next_attempt = float(self.options.min_location_samples)
 
     def update(self, record: ChargeRecord, sample: ChargeSample, step_s: float) -> None:
         """Update position, force and impulse with the newest sample of a contact.
@@ -51,55 +60,190 @@ class ContactLocator:
         step_s : float
             Time since the previous sample.
         """
-        growth = 0.0 if self.candidates is None else self.options.relocation_growth
-        if len(record) >= (1.0 + growth) * self._last_attempt_count:
-            peak = record.compute_peak()
-            if peak.significance > self.options.min_significance:
-                self._last_attempt_count = len(record)
-                candidates = self.problem.locate(peak)
-                if candidates is not None:
-                    self.candidates = candidates
-        if self.candidates is not None:
-            self.coordinates, self.chi_square = self.problem.fit_force(
-                self.candidates.likeliest, sample
-            )
-            self.impulse_N_s += step_s * math.exp(self.coordinates[TouchColumn.FORCE])
+        if len(record) >= self._next_attempt:
+            self._try_to_locate(record)
+        if self._curve is not None:
+            guess = self.coordinates[TouchColumn.FORCE]
+            fitted = self._curve.fit(sample, guess)
+            self.chi_square = fitted.chi_square
+            if not math.isnan(fitted.log_force):
+                self.coordinates[TouchColumn.FORCE] = fitted.log_force
+                self.impulse_N_s += step_s * math.exp(fitted.log_force)
+
+    def _try_to_locate(self, record: ChargeRecord) -> None:
+        """Locate the contact from the peak of its charges, if they are significant."""
+        peak = record.compute_peak()
+        if peak.significance <= self.options.min_significance:
+            return
+        self._next_attempt = (1.0 + self.options.relocation_growth) * len(record)
+        candidates = self.problem.locate(peak)
+        if candidates is not None:
+            self.candidates = candidates
+            self.coordinates = candidates.likeliest.copy()
+            self._curve = ForceCurve(self.problem, candidates.likeliest)
+        elif self.candidates is None:
+            self._next_attempt = (1.0 + self.options.retry_growth) * len(record)
 
     def relocate(self, record: ChargeRecord) -> None:
         """Replace the candidates by those for the peak of the record; None if there are none.
 
+        If too many channels were clipped at the peak, the candidates from before it stay.
         `coordinates`, `chi_square` and `impulse_N_s` are not changed.
         """
-        self.candidates = self.problem.locate(record.compute_peak())
+        peak = record.compute_peak()
+        self.is_peak_undetermined = not self.problem.is_determined_by(peak)
+        if self.is_peak_undetermined and peak.is_clipped.any():
+            return
+        self.candidates = self.problem.locate(peak)
 
 
 class Contact:
-    """A contact in progress: the record of its charges and its locator."""
+    """A contact in progress: the record of its charges and its locator.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+        Template of the least-squares problems, and the options.
+    circuit : ReadoutCircuit
+        Capacitances and resistances of the channels.
+    baseline : BaselineSnapshot
+        Baseline at the onset.
+    is_settled : ndarray of bool, shape (electrodes,)
+        Channels that have a baseline; the others count as missing.
+    onset_s : float
+        Time just before the first sample.
+    """
 
     def __init__(
-        self, problem: ContactProblem, circuit: ReadoutCircuit, onset_s: float, residual: Array
+        self,
+        problem: ContactProblem,
+        circuit: ReadoutCircuit,
+        *,
+        baseline: BaselineSnapshot,
+        is_settled: Mask,
+        onset_s: float,
     ) -> None:
-        """Start an empty contact; see `ChargeRecord` for the arguments."""
         self.options = problem.options
+        self.circuit = circuit
+        self.baseline = baseline
+        self.is_settled = is_settled
+        residual = baseline.predict_residual(onset_s)
         self.record = ChargeRecord(circuit, onset_s, residual, problem.options)
         self.locator = ContactLocator(problem)
+        #: Whether the contact was already there when the readings came back after a pause.
+        self.begins_in_pause = False
+        #: Channels that were clipped, or had no reading, in some samples, shape (electrodes,).
+        self.was_clipped = np.zeros(len(residual), dtype=bool)
+        self.was_missing = ~is_settled
 
-    def add(self, time_s: float, voltages: Array, noise_V: Array, drift_pC: Array) -> None:
-        """Record a sample and update the location; see `ChargeRecord.add` for the arguments."""
-        step_s = time_s - self.record.end_s
-        sample = self.record.add(time_s, voltages, noise_V, drift_pC)
-        self.locator.update(self.record, sample, step_s)
+    def add(
+        self, time_s: float, voltages: Array, is_clipped: Mask, interval_s: float
+    ) -> ChargeSample:
+        """Record a sample and update the location.
+
+        Parameters
+        ----------
+        time_s : float
+            Time of the sample.
+        voltages : ndarray, shape (electrodes,)
+            Voltages of the channels in V; NaN where they are missing.
+        is_clipped : ndarray of bool, shape (electrodes,)
+            Whether a voltage is only a limit of the true one.
+        interval_s : float
+            Sampling interval.
+
+        Returns
+        -------
+        ChargeSample
+            The charges since the onset.
+
+        Notes
+        -----
+        A constant error e of the baseline voltage, integrated for a time t, adds the charge
+        (C + t/R) e.
+        """
+        record = self.record
+        baseline = self.baseline
+        circuit = self.circuit
+        elapsed_s = time_s - record.onset_s
+        error_V = baseline.noise_V * baseline.compute_relative_errors(time_s, interval_s)
+        error_V = np.where(self.is_settled, error_V, 0.0)
+        drift_pC = (circuit.capacitance + circuit.conductance * elapsed_s) * error_V
+        above_line = np.where(self.is_settled, voltages - baseline.predict_line(time_s), np.nan)
+        is_clipped = is_clipped & self.is_settled
+        self.was_clipped |= is_clipped
+        self.was_missing |= np.isnan(above_line)
+        step_s = time_s - record.end_s
+        sample = record.add(
+            time_s, above_line, is_clipped, noise_V=baseline.noise_V, drift_pC=drift_pC
+        )
+        self.locator.update(record, sample, step_s)
+        return sample
+
+    def exclude_channel(self, number: int) -> None:
+        """Count a channel as missing in all samples, also in those before."""
+        self.is_settled[number] = False
+        self.was_missing[number] = True
+        self.record.exclude_channel(number)
+
+    def find_stepped_channel(self) -> int | None:
+        """Return the channel whose voltage alone has stepped, or None; it is looked for rarely."""
+        if len(self.record) % STEP_CHECK_SAMPLES:
+            return None
+        return self.record.find_stepped_channel()
+
+    @property
+    def duration_s(self) -> float:
+        """Time since the onset in s."""
+        return self.record.end_s - self.record.onset_s
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether a touch explains the charges."""
+        candidates = self.locator.candidates
+        return candidates is not None and candidates.is_explained
+
+    @property
+    def peak_time_s(self) -> float:
+        """Time in s of the sample with the largest charges."""
+        largest = self.record.largest
+        return largest.time_s if largest else self.record.onset_s
+
+    @property
+    def is_hidden_by_clipping(self) -> bool:
+        """Whether too few channels tell the charges at the peak, because others are clipped."""
+        return bool(self.was_clipped.any()) and self.locator.is_peak_undetermined
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the contact is located, or its charges exceed their errors clearly."""
+        largest = self.record.largest
+        if self.locator.candidates is not None or self.was_clipped.any() or largest is None:
+            return True
+        return largest.significance > self.options.min_significance
+
+    def is_lost_by_pause(self, pause_s: float) -> bool:
+        """Whether a pause is so long that the charges after it cannot be known.
+
+        Parameters
+        ----------
+        pause_s : float
+            Time since the last sample.
+        """
+        options = self.options
+        is_long = pause_s > options.max_pause_s
+        return is_long and pause_s > options.max_pause_fraction * self.duration_s
 
     @property
     def is_lost(self) -> bool:
-        """Whether a long contact is still not located, or its errors exceed the allowed fraction.
+        """Whether the errors of a long contact exceed the allowed fraction of its charges.
 
-        A contact is long if it has more than `TrackOptions.memory_samples` samples.
+        A contact is long after `TrackOptions.memory_s`.
         """
-        if len(self.record) <= self.options.memory_samples:
+        is_due = len(self.record) % LOST_CHECK_SAMPLES == 0
+        if not is_due or self.duration_s <= self.options.memory_s:
             return False
-        is_hidden_by_errors = self.record.relative_error > self.options.max_relative_error
-        return self.locator.candidates is None or is_hidden_by_errors
+        return self.record.relative_error > self.options.max_relative_error
 
     def close(self) -> None:
         """Subtract the drift from the charges of a contact that has ended, and locate it again.

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections.abc import Sequence
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri, ndtri, stdtrit
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.tracking.options import TrackOptions
 
+#: Weight of a new window in the variance of slow drifts.
+DRIFT_WEIGHT = 0.25
+
 
 class VoltageSample(NamedTuple):
-    """Voltages of the channels at one instant."""
+    """Voltages of the channels at one instant, and their deviations from the baseline."""
 
     time_s: float
-    voltages: Array  #: Voltages in V, NaN where they are missing, shape (electrodes,).
-    #: Deviations from the baseline divided by the noise, shape (electrodes,).
-    deviations: Array
+    voltages: Sequence[float]  #: Voltages in V, NaN where they are missing.
+    is_clipped: Sequence[bool]  #: Whether a voltage is only a limit of the true one.
+    #: Deviations from the baseline divided by the noise; 0 where they are missing.
+    deviations: Sequence[float]
 
 
 class ContactDetector:
@@ -28,8 +33,10 @@ class ContactDetector:
     ----------
     channel_count : int
         Number of channels.
+    longest_window : int
+        Number of samples of the longest window, a power of two.
     options : TrackOptions
-        Window lengths and probability of a false alarm.
+        Probability of a false alarm.
 
     Notes
     -----
@@ -38,42 +45,165 @@ class ContactDetector:
     the channels has a chi-square distribution. A contact is detected when the total of any window
     exceeds the quantile for the probability of a false alarm (generalized likelihood-ratio test
     for a change of the mean: Basseville and Nikiforov, Detection of Abrupt Changes, 1993,
-    section 2.4).
+    section 2.4). A window of n samples is tested every n/4 samples, so that long windows cost
+    little.
     """
 
-    def __init__(self, channel_count: int, options: TrackOptions) -> None:
-        self.samples: deque[VoltageSample] = deque()
-        self.windows = options.windows
-        probability = options.false_alarm_probability / len(self.windows)
-        self.threshold = float(chi2.isf(probability, channel_count))
+    def __init__(self, channel_count: int, longest_window: int, options: TrackOptions) -> None:
+        self.windows = [2**k for k in range(longest_window.bit_length())]
+        self.longest_window = self.windows[-1]
+        self._channel_count = channel_count
+        self._options = options
+        self._probability = options.false_alarm_probability / len(self.windows)
+        self._threshold = np.inf
+        self._threshold_count = 0
+        # Variances of the means over the longest window that noise does not explain, by channel.
+        self._drift_variances = [0.0] * channel_count
+        self.clear()
+
+    def clear(self) -> None:
+        """Remove all samples."""
+        self.samples: list[VoltageSample] = []
+        self._number = 0  # Number of samples since the last time.
+        self._first = 0  # Index in `samples` of the oldest that has not been removed.
+        # Sums of the deviations of all samples up to each sample, by channel.
+        self._sums = [[0.0] * self._channel_count]
+
+    def __len__(self) -> int:
+        return len(self.samples) - self._first
 
     @property
     def is_full(self) -> bool:
         """Whether there are more samples than the longest window holds."""
-        return len(self.samples) > self.windows[-1]
+        return len(self) > self.longest_window
 
-    def count_contact_samples(self, baseline_error: Array) -> int:
-        """Return how many of the last samples belong to a contact; 0 if no contact is detected.
+    @property
+    def drift_errors(self) -> Array:
+        """Errors of the baseline by slow drifts, relative to the noise, shape (electrodes,)."""
+        return np.sqrt(self._drift_variances)
+
+    def add(self, sample: VoltageSample) -> None:
+        """Add the newest sample."""
+        sums = self._sums[-1]
+        self._sums.append([a + b for a, b in zip(sums, sample.deviations, strict=True)])
+        self.samples.append(sample)
+        self._number += 1
+
+    def remove_oldest(self) -> VoltageSample:
+        """Remove the oldest sample and return it."""
+        oldest = self.samples[self._first]
+        self._first += 1
+        if self._first > 2 * self.longest_window:
+            self._drop_removed_samples()
+        return oldest
+
+    def get_samples(self) -> list[VoltageSample]:
+        """Return the samples that have not been removed, the oldest first."""
+        return self.samples[self._first :]
+
+    def _drop_removed_samples(self) -> None:
+        """Free the memory of removed samples, and restart their sums, which only grow."""
+        self.samples = self.samples[self._first :]
+        origin = self._sums[self._first]
+        kept = []
+        for sums in islice(self._sums, self._first, None):
+            kept.append([a - b for a, b in zip(sums, origin, strict=True)])
+        self._sums = kept
+        self._first = 0
+
+    def exceeds_threshold(self, errors: Sequence[float], noise_count: int) -> bool:
+        """Test whether the deviations in a window that ends now are larger than their noise.
 
         Parameters
         ----------
-        baseline_error : ndarray, shape (electrodes,)
-            Standard deviation of the baseline divided by that of the noise.
+        errors : sequence of float
+            Standard deviations of the baseline divided by those of the noise, by channel.
+        noise_count : int
+            Number of samples that the noise was estimated from.
+
+        Returns
+        -------
+        bool
+            Whether a contact is detected.
+        """
+        threshold = self._get_threshold(noise_count)
+        newest = self._sums[-1]
+        count = len(self)
+        for window in self.windows:
+            if window > count or (window > 4 and self._number % (window // 4)):
+                break
+            earlier = self._sums[-1 - window]
+            statistic = 0.0
+            for last, first, error, drift in zip(
+                newest, earlier, errors, self._drift_variances, strict=True
+            ):
+                total = last - first
+                statistic += total * total / (window * (1.0 + window * (error * error + drift)))
+            if statistic > threshold:
+                return True
+        if self._number % self.longest_window == 0 and count >= self.longest_window:
+            self._update_drift(errors)
+        return False
+
+    def _update_drift(self, errors: Sequence[float]) -> None:
+        """Update the variances of slow drifts with the last of the longest windows.
+
+        A drift that the baseline follows with a lag makes means deviate more than noise does. The
+        mean of the squares that the noise does not explain is added to the variance of the
+        baseline, so that such a drift is not a contact.
+
+        Parameters
+        ----------
+        errors : sequence of float
+            Standard deviations of the baseline divided by those of the noise, by channel.
+        """
+        window = self.longest_window
+        newest = self._sums[-1]
+        earlier = self._sums[-1 - window]
+        for channel, error in enumerate(errors):
+            mean = (newest[channel] - earlier[channel]) / window
+            excess = max(mean * mean - 1.0 / window - error * error, 0.0)
+            change = excess - self._drift_variances[channel]
+            self._drift_variances[channel] += DRIFT_WEIGHT * change
+
+    def _get_threshold(self, noise_count: int) -> float:
+        """Return the threshold of the statistic; it is computed anew when the count has doubled.
 
         Notes
         -----
-        The window that exceeds the quantile the most gives the direction of the deviations. The
-        contact consists of the last n samples, with the n for which their sum along this direction,
-        divided by √n, is largest. A quarter of n and two samples are added as a margin, so that the
-        first weak samples of the contact are not missed.
+        The noise is estimated from n samples, so that a deviation has a Student distribution with
+        n - 2 degrees of freedom. The quantile of chi-square is enlarged by the ratio of the squared
+        quantiles of this distribution and the normal one.
         """
-        newest_first = [sample.deviations for sample in reversed(self.samples)]
+        if not self._threshold_count <= noise_count < 2 * self._threshold_count:
+            self._threshold_count = max(noise_count, 1)
+            degrees_of_freedom = max(noise_count - 2, 1)
+            student = stdtrit(degrees_of_freedom, self._probability / 2.0)
+            ratio = (student / ndtri(self._probability / 2.0)) ** 2
+            self._threshold = float(ratio * chdtri(self._channel_count, self._probability))
+        return self._threshold
+
+    def count_contact_samples(self, errors: Array) -> int:
+        """Return how many of the last samples belong to the contact that was detected.
+
+        Parameters
+        ----------
+        errors : ndarray, shape (electrodes,)
+            Standard deviations of the baseline divided by those of the noise.
+
+        Notes
+        -----
+        The window whose statistic is largest gives the direction of the deviations. The contact
+        consists of the last n samples, with the n for which their sum along this direction, divided
+        by √n, is largest. A quarter of n and two samples are added as a margin, so that the first
+        weak samples of the contact are not missed.
+        """
+        newest_first = [sample.deviations for sample in reversed(self.samples[self._first :])]
         sums = np.cumsum(newest_first, axis=0)
-        windows = self.windows[: np.searchsorted(self.windows, len(sums), side="right")]
-        variances = windows[:, None] + np.square(windows[:, None] * baseline_error)
+        windows = np.array(self.windows)
+        windows = windows[: np.searchsorted(windows, len(sums), side="right")]
+        variances = windows[:, None] + np.square(windows[:, None] * errors)
         statistics = (np.square(sums[windows - 1]) / variances).sum(axis=1)
-        if statistics.max() <= self.threshold:
-            return 0
         direction = sums[windows[statistics.argmax()] - 1]
         significance = (sums @ direction) / np.sqrt(np.arange(1, len(sums) + 1))
         count = int(np.argmax(significance)) + 1

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from pvdf_fem.arrays import Indices
-
 
 @dataclass(frozen=True)
 class TrackOptions:
-    """Thresholds of the tracker; durations are numbers of samples."""
+    """Thresholds of the tracker."""
 
-    #: Number of samples without a contact from which the baseline is estimated at the start.
-    settling_samples: int = 256
     #: Memory of the baseline filter. A drift that is faster is detected as a contact.
-    memory_samples: int = 2000
-    #: Longest pause within a contact, in sampling intervals; after a longer pause it is lost.
-    max_pause_samples: int = 50
+    memory_s: float = 1.0
+    min_memory_samples: int = 100  #: The same for slow sampling.
+    #: Longest window of the contact detector, as a fraction of the samples of the baseline.
+    window_fraction: float = 0.25
     #: Bound on the probability of a false alarm per sample, divided equally among the windows.
     false_alarm_probability: float = 1e-7
     min_noise_V: float = 1e-7  #: Lower bound of the estimated standard deviation of a voltage.
@@ -28,7 +23,9 @@ class TrackOptions:
     #: Minimum norm of the charges, in standard deviations, before a contact is located.
     min_significance: float = 15.0
     #: Relative growth of the number of samples after which a contact is located again.
-    relocation_growth: float = 0.2
+    relocation_growth: float = 0.5
+    #: The same while all locations have failed.
+    retry_growth: float = 0.1
     #: Fraction of the sampling error that is not along the direction of the charges.
     sampling_skew: float = 0.2
     #: Distances, in log F, by which the response is extrapolated to smaller and larger forces.
@@ -39,19 +36,29 @@ class TrackOptions:
     #: before. The number n is at least `min_still_samples`, and this fraction of all samples.
     min_still_samples: int = 6
     still_fraction: float = 1.0 / 16.0
+    #: Residual charge, as a fraction of the largest charges, with which a contact has ended: the
+    #: tolerances of resistances and capacitances leave as much.
+    negligible_residual_fraction: float = 0.01
+    #: Change between two series of samples, as a fraction of the largest charges, with which such a
+    #: contact has ended: a drift of the baseline goes on changing the charges.
+    negligible_change_fraction: float = 0.0025
     #: Residual charge, as a fraction of the largest charges, with which a contact may also end if
     #: four times as many samples are constant.
     max_residual_fraction: float = 0.1
     #: Number of samples after which a contact may end though its charges never exceeded the noise.
     patience_samples: int = 100
-    #: A contact of more than `memory_samples` is lost when the standard deviation of its charges
+    #: A channel has stepped if only its charge is left at the end: more than this number of standard
+    #: deviations and this fraction of the largest charges. Those of the others are negligible, or
+    #: within three deviations.
+    min_step_deviations: float = 20.0
+    min_step_fraction: float = 0.05
+    #: A contact is lost if all readings are missing for longer than this time, and than this
+    #: fraction of its duration so far.
+    max_pause_s: float = 0.25
+    max_pause_fraction: float = 0.25
+    #: A contact that is longer than `memory_s` is lost when the standard deviation of its charges
     #: exceeds this fraction of the largest charges.
     max_relative_error: float = 0.3
-
-    @property
-    def windows(self) -> Indices:
-        """Window lengths of the contact detector: powers of two up to `settling_samples`/4."""
-        return 2 ** np.arange(int(np.log2(self.settling_samples / 4.0)) + 1)
 
 
 DEFAULTS = TrackOptions()

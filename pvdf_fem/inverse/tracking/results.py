@@ -20,9 +20,9 @@ class TrackStatus(StrEnum):
     TOO_LIGHT = "too_light"  #: The force is below those of the response.
     TOO_STRONG = "too_strong"  #: The force is above those of the response.
     UNEXPLAINED = "unexplained"  #: No touch of this probe explains the charges.
-    #: The contact is hidden by drift, or the readings paused for too long.
+    CLIPPED = "clipped"  #: Too many channels were clipped at the peak of the charges.
+    #: The contact is hidden by drift, or readings are missing where its charges may be largest.
     LOST = "lost"
-    CLOCK = "clock"  #: The time did not increase, and the tracker restarted.
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,6 +52,7 @@ class TrackRow(Result):
     #: Seconds until contacts are detected, at the present sampling rate; NaN while unknown.
     settling_s: float = 0.0
     missing: str = ""  #: Names of the channels without a reading, separated by spaces: ``A C``.
+    clipped: str = ""  #: Names of the channels whose readings were clipped.
 
     def summary(self) -> Summary:
         """Return the row as a line of text."""
@@ -66,6 +67,8 @@ class TrackRow(Result):
             line += ": the force is far above the model's largest"
         if self.missing:
             line += f"; without {self.missing} for a while"
+        if self.clipped:
+            line += f"; {self.clipped} clipped"
         return Summary(f"touch {self.touch}" if self.touch else self.status, [line])
 
     def _format_quantities(self) -> str:
@@ -81,7 +84,7 @@ class TrackRow(Result):
         text = ""
         for name, value, deviation, unit in quantities:
             # The deviation of a fixed quantity is 0, that of an unknown quantity is NaN.
-            if deviation > 0.0:
+            if deviation > 0.0 and not math.isnan(value):
                 text += f", {name} {' ± '.join(format_with_error(value, deviation))} {unit}"
         return text
 
@@ -104,7 +107,9 @@ class TouchSummary(TrackRow):
 
     A touch that has ended is located again from all its samples; one that was cut off has its last
     location. The status of a touch that has ended is ``starting`` if no location was found.
-    `missing` names the channels that had no reading in some samples of the touch.
+    `missing` and `clipped` name the channels that had no reading, or a clipped one, in some samples
+    of the touch. A touch while the baseline was learned has the status ``settling`` and no
+    position.
     """
 
     onset_s: float = math.nan

@@ -1,39 +1,43 @@
 """The tracker: detects and locates touches in a stream of readings.
 
-Each sample passes through up to four stages: the `SampleClock` checks its time, the `Baseline`
-predicts the voltages without a contact, the `ContactDetector` tests whether a contact begins, and
-during a contact the `Contact` integrates the charges, detects the end, and estimates position and
-force. The readings are those of the channels of the response's scene (`scene.readout`). Positions
-and rotations are in the frame of its stage.
+The `SignalChain` turns readings into voltages with true times, without hum and spikes. Then the
+`Settling` learns the `Baseline` of the voltages without a contact, the `ContactWatch` tests whether
+a contact begins, and during a contact the `Contact` integrates the charges, detects the end, and
+estimates position and force. The readings are those of the channels of the response's scene
+(`scene.readout`). Positions and rotations are in the frame of its stage.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 
-from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import make_channels
-from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE, get_scene_quantities
-from pvdf_fem.inverse.touch.measurement import get_centre_mm
-from pvdf_fem.inverse.touch.validation import find_quantity_errors
-from pvdf_fem.inverse.tracking.baseline import Baseline
-from pvdf_fem.inverse.tracking.circuit import ReadoutCircuit
-from pvdf_fem.inverse.tracking.clock import ClockEvent, SampleClock
+from pvdf_fem.electrodes.channel import get_reading_unit, make_channels
+from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE
+from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.contact import Contact
-from pvdf_fem.inverse.tracking.contact_detector import ContactDetector, VoltageSample
-from pvdf_fem.inverse.tracking.contact_problem import CandidateTouches, ContactProblem
+from pvdf_fem.inverse.tracking.contact_detector import VoltageSample
+from pvdf_fem.inverse.tracking.contact_watch import ContactWatch
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
+from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
+from pvdf_fem.inverse.tracking.problem.fixed_quantities import resolve_fixed_quantities
+from pvdf_fem.inverse.tracking.reading_input import ReadingInput
+from pvdf_fem.inverse.tracking.result_builder import ResultBuilder
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
-from pvdf_fem.scene.arguments import Names, as_response, coerce, coerce_array
-from pvdf_fem.scene.scene_file import suggest
-from pvdf_fem.surrogate.charge_function import ChargeFunction, find_rotation_period_deg
-from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
-
-UNITS = ("V", "pC")  #: Units of readings.
+from pvdf_fem.inverse.tracking.signal.baseline import Baseline
+from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
+from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
+from pvdf_fem.inverse.tracking.signal.reading_filter import FilteredSample, Validity
+from pvdf_fem.inverse.tracking.signal.settling import SettledSamples, Settling
+from pvdf_fem.inverse.tracking.signal.signal_chain import MIN_PAUSE_INTERVALS, SignalChain
+from pvdf_fem.inverse.tracking.stream_diagnosis import MAX_TESTED, find_misreading
+from pvdf_fem.inverse.tracking.stream_notes import StreamNotes
+from pvdf_fem.scene.arguments import Names, as_response, coerce
+from pvdf_fem.scene.readout import Readout
+from pvdf_fem.surrogate.charge_function import ChargeFunction
 
 
 class Tracker:
@@ -46,8 +50,12 @@ class Tracker:
     unknown : sequence of str
         Quantities to find, from ``x_mm``, ``y_mm``, ``rotation_deg`` and ``force_N``. The force is
         required; the other quantities are fixed at the values of the scene if they are left out.
-    unit : {"V", "pC"}
-        Unit of the readings. Readings in nominal pC are readings in V times the capacitance.
+    unit : str, optional
+        Unit of the readings, of `READING_UNITS`. Default: ``readout.unit``, which is V unless the
+        scene says otherwise, or pC without a readout.
+    include_calibration : bool
+        Whether standard deviations include the errors that the calibration of the sensor has left,
+        of the scene's ``[calibration]``.
     options : TrackOptions
         Thresholds to detect, locate and end contacts.
 
@@ -66,7 +74,8 @@ class Tracker:
     >>> tracker = Tracker(build_response("sensor.toml", tolerance=3e-2), unit="pC")
     >>> for i in range(1000):  # at 1 kHz, in the order of tracker.response.names
     ...     row = tracker.update(1e-3 * i, [0.1, 0.0, -0.1, 0.0])
-    >>> tracker.settling_ends_s, tracker.touches
+    >>> tracker.finish()
+    >>> tracker.settling_ends_s, tracker.touches, tracker.notes
     """
 
     def __init__(
@@ -74,56 +83,75 @@ class Tracker:
         response: ChargeFunction,
         *,
         unknown: Sequence[str] = POSITION_AND_FORCE,
-        unit: str = "V",
+        unit: str | None = None,
+        include_calibration: bool = True,
         options: TrackOptions = DEFAULTS,
     ) -> None:
         self.response = as_response(response)
         scene = self.response.scene
         unknown = coerce("unknown", unknown, Names)
-        scene_values = get_scene_quantities(scene)
-        origin = (*get_centre_mm(scene), 0.0, 0.0)
-        errors = list(
-            find_quantity_errors(
-                response.domain,
-                unknown,
-                known={},
-                default=scene_values,
-                centre_mm=origin[: TouchColumn.ROTATION],
-            )
-        )
-        if "force_N" not in unknown:
-            errors.append("unknown: force_N is missing; add it, it is always unknown")
-        if unit not in UNITS:
-            errors.append(f"unit = {unit}: choose from {', '.join(UNITS)}")
-        if errors:
-            raise ValueError("\n".join(errors))
-        # Coordinates of the contact problem are relative to the film's centre.
-        fixed = {}
-        for index, name in enumerate(TOUCH_QUANTITIES):
-            if name not in unknown:
-                fixed[index] = scene_values[name] - origin[index]
+        fixed = resolve_fixed_quantities(self.response, unknown, unit)
 
         self.touches: list[TouchSummary] = []
-        self._unit = unit
         self._options = options
-        self._circuit = ReadoutCircuit.from_channels(make_channels(scene))
-        self._problem = ContactProblem.from_response(self.response, fixed, options)
-        self._clock = SampleClock()
-        self._restart()
+        self._names = list(self.response.names)
+        self._channels = make_channels(scene)
+        self._unit = unit or get_reading_unit(scene)
+        self._circuit = ReadoutCircuit.from_channels(self._channels)
+        self._input = ReadingInput(self._names, self._circuit, self._unit)
+        self._problem = ContactProblem.from_response(
+            self.response, fixed, options, include_calibration
+        )
+        self._results = ResultBuilder(self._problem, self._names)
+        readout = scene.readout or Readout()
+        self._settling_s = readout.settling_s
+        self._baseline = Baseline(self._circuit, options)
+        hum = MainsHum(readout.mains_Hz, len(self._names), names=self._names)
+        self._signal = SignalChain(self._circuit, self._baseline, hum)
 
-    def _restart(self) -> None:
-        """Restart with an empty baseline and without a contact; `touches` is not changed."""
-        self._baseline = Baseline(self._circuit, self._options)
-        self._detector = ContactDetector(len(self.response.names), self._options)
+        # A sample goes to the contact in progress, else to the settling, else to the watch.
+        self._settling: Settling | None = self._make_settling()
+        self._watch: ContactWatch | None = None
         self._contact: Contact | None = None
-        self._missing = set[str]()
+        self._relearning: Settling | None = None  # During a contact that no touch explains.
+        self._settled_at_s = math.nan
+        self._row = TrackRow(math.nan, TrackStatus.SETTLING)
+        self._notes = StreamNotes()
+        self._unexplained_peaks: list[ChargeSample] = []
+
+    def _make_settling(self, *, expects_residual: bool = False) -> Settling:
+        """Make an empty collection of samples from which the baseline is learned."""
+        hum = self._signal.hum
+        return Settling(
+            self._circuit,
+            None if hum.is_learned else hum,
+            duration_s=self._settling_s,
+            min_noise_V=self._options.min_noise_V,
+            expects_residual=expects_residual,
+        )
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences about faults of the readings that were found and repaired, each once."""
+        return [*self._signal.describe(self._names), *self._notes.sentences]
+
+    @property
+    def settling_ends_s(self) -> float:
+        """Time in s from which contacts are detected.
+
+        Until then, the baseline and its noise are estimated from ``readout.settling_s`` of samples
+        in which nothing touches the film. NaN before the first sample.
+        """
+        if self._settling is None:
+            return self._settled_at_s
+        return self._settling.ends_s
 
     def update(self, t: float, readings: Mapping[str, float] | Sequence[float]) -> TrackRow:
         """Process a sample and return the state of the tracker.
 
-        When a contact ends, its summary is appended to `touches`. At the first sample, if the time
-        does not increase, or after too long a pause, the tracker restarts and ignores the readings
-        of the sample; the summary of a contact that this cuts off is appended, too.
+        When a contact ends, its summary is appended to `touches`. A sample whose time or readings
+        are doubtful is held back until a few samples later; the row is then that of the last sample
+        that was processed, at the time of this one.
 
         Parameters
         ----------
@@ -131,7 +159,8 @@ class Tracker:
             Time of the sample in s.
         readings : mapping of str to float, or sequence of float
             Readings of the channels, by name or in the order of the response's electrodes. A
-            reading is missing if it is NaN or infinite, or if its name is not in the mapping.
+            reading is missing if it is NaN, infinite or masked, or if its name is not in the
+            mapping.
 
         Returns
         -------
@@ -143,307 +172,263 @@ class Tracker:
         ValueError
             If a name is unknown, or the number of readings is wrong.
         """
-        values = self._coerce_readings(readings)
-        names = np.array(self.response.names)
-        missing = names[np.isnan(values)].tolist()
-        self._missing.update(missing)
-        voltages = self._circuit.compute_voltages(values, self._unit)
+        samples = self._signal.receive(t, self._input.compute_voltages(readings))
+        for sample in samples:
+            self._process(sample)
+        if not samples:
+            self._row = replace(self._row, t_s=t)
+        return self._row
 
-        options = self._options
-        max_pause = options.max_pause_samples if self._contact else options.memory_samples
-        event = self._clock.classify(t, max_pause)
-        if event is not ClockEvent.TICK:
-            row = self._restart_at(t, event)
-            self._clock.restart(t)
-        else:
-            if self._contact:
-                row = self._continue_contact(t, voltages, self._contact)
-            else:
-                row = self._watch_baseline(t, voltages)
-            self._clock.tick(t)
-        if row.status == TrackStatus.SETTLING:
-            row = replace(row, settling_s=self.settling_ends_s - t)
-        return replace(row, missing=" ".join(missing)) if missing else row
+    def finish(self) -> TrackRow:
+        """Process the samples that are held back, and close a contact in progress.
 
-    def _coerce_readings(self, readings: Mapping[str, float] | Sequence[float]) -> Array:
-        """Convert the readings to an array in the order of the electrodes.
-
-        Parameters
-        ----------
-        readings : mapping of str to float, or sequence of float
-            See `update`.
+        Call it when the stream has ended. A contact that has not ended is appended to `touches`
+        with the status ``lost``.
 
         Returns
         -------
-        ndarray, shape (electrodes,)
-            Readings, NaN where they are missing.
+        TrackRow
+            State at the end, as by `update`.
         """
-        names = self.response.names
-        if isinstance(readings, Mapping):
-            unknown = readings.keys() - {*names}
-            if unknown:
-                name = min(unknown)
-                raise ValueError(f"readings.{name}: no such channel; {suggest(name, names)}")
-            readings = [readings.get(name, math.nan) for name in names]
-        values = coerce_array("readings", readings)
-        if values.shape != (len(names),):
-            advice = f"give one for each of {', '.join(names)}"
-            raise ValueError(f"readings: {values.size} values; {advice}")
-        values[np.isinf(values)] = math.nan
-        return values
-
-    @property
-    def settling_ends_s(self) -> float:
-        """Time in s from which contacts are detected, at the present sampling rate.
-
-        Until then, the baseline and its noise are estimated from `TrackOptions.settling_samples`
-        samples. NaN as long as the sampling interval is unknown.
-        """
-        needed = self._options.settling_samples + int(self._detector.windows[-1])
-        left = needed - self._baseline.sample_count - len(self._detector.samples)
-        if math.isinf(self._clock.interval_s):
-            return math.nan
-        return self._clock.time_s + left * self._clock.interval_s
-
-    def _restart_at(self, t: float, event: ClockEvent) -> TrackRow:
-        """Restart the tracker, except for its clock, and return the row of the sample.
-
-        A contact in progress is finished with the status ``lost`` after a pause, and ``clock``
-        otherwise.
-
-        Parameters
-        ----------
-        t : float
-            Time of the sample in s.
-        event : ClockEvent
-            Reason of the restart.
-        """
-        status = TrackStatus.LOST if event is ClockEvent.PAUSE else TrackStatus.CLOCK
+        for sample in self._signal.flush():
+            self._process(sample)
         if self._contact:
-            self._finish_contact(self._clock.time_s, self._contact, status)
-        self._restart()
-        return TrackRow(t, TrackStatus.SETTLING if event is ClockEvent.FIRST else status)
+            self._notes.add("a contact had not ended when the readings ended")
+            self._finish_contact(self._contact, TrackStatus.LOST)
+        if self._settling:
+            self._finish_settling(self._settling)
+        self._note_misreading()
+        return self._row
 
-    def _watch_baseline(self, t: float, voltages: Array) -> TrackRow:
-        """Process a sample outside of contacts: begin a contact, or wait for the next sample.
+    def _process(self, sample: FilteredSample) -> None:
+        """Process the next sample when its readings are decided."""
+        if sample.has_no_reading:
+            self._row = self._results.make_row_without_readings(sample.time_s, self._row)
+        elif self._contact:
+            self._continue_contact(sample, self._contact)
+        elif self._settling:
+            self._settle(sample, self._settling)
+        elif self._watch:
+            self._watch_baseline(sample, self._watch)
 
-        If no contact begins and the detector is full, its oldest sample is added to the baseline.
-        While the baseline settles, the deviations count as zero, so that no contact is detected.
-
-        Parameters
-        ----------
-        t : float
-            Time of the sample in s.
-        voltages : ndarray, shape (electrodes,)
-            Voltages of the channels in V.
-        """
-        baseline = self._baseline
-        detector = self._detector
-        is_settling = baseline.sample_count < self._options.settling_samples
-        if is_settling:
-            baseline_error = np.zeros_like(voltages)
-            deviations = baseline_error
-        else:
-            baseline_error = baseline.compute_relative_error(t)
-            deviations = np.nan_to_num((voltages - baseline.predict(t)) / baseline.noise_V)
-        detector.samples.append(VoltageSample(t, voltages, deviations))
-        count = detector.count_contact_samples(baseline_error)
-        if count:
-            return self._begin_contact(count)
-        if detector.is_full:
-            self._move_oldest_sample_to_baseline()
-        return TrackRow(t, TrackStatus.SETTLING if is_settling else TrackStatus.QUIET)
-
-    def _move_oldest_sample_to_baseline(self) -> None:
-        """Move the oldest sample from the detector into the baseline."""
-        oldest = self._detector.samples.popleft()
-        self._baseline.add(oldest.time_s, oldest.voltages)
-
-    def _begin_contact(self, count: int) -> TrackRow:
-        """Begin a contact with the last samples of the detector, and return the last sample's row.
-
-        Earlier samples of the detector are added to the baseline.
+    def _settle(self, sample: FilteredSample, settling: Settling) -> None:
+        """Learn the baseline from a sample, and begin to watch it when it is known.
 
         Parameters
         ----------
-        count : int
-            Number of samples that belong to the contact.
+        sample : FilteredSample
+            The newest sample.
+        settling : Settling
+            The samples before.
         """
-        samples = self._detector.samples
-        while len(samples) > count:
-            self._move_oldest_sample_to_baseline()
-        self._missing = set()
-        onset_s = samples[0].time_s - self._clock.interval_s
-        residual = self._baseline.predict_residual(onset_s)
-        contact = Contact(self._problem, self._circuit, onset_s, residual)
-        for sample in samples:
-            self._add_sample_to_contact(contact, sample.time_s, sample.voltages)
+        settled = settling.add(sample)
+        left_s = max(settling.ends_s - sample.time_s, 0.0)
+        self._row = TrackRow(sample.time_s, TrackStatus.SETTLING, settling_s=left_s)
+        if settled:
+            self._settled_at_s = sample.time_s
+            self._settling = None
+            self._report_touch_while_settling(settling.touched_from_s, settling.touched_to_s)
+            self._begin_to_watch(settled)
+
+    def _begin_to_watch(self, settled: SettledSamples) -> None:
+        """Watch the baseline that has been learned, first in the samples after it."""
+        self._baseline.set_lines(settled.baseline, self._signal.interval_s)
+        self._signal.removes_spikes = True
+        self._signal.filter.spikes.add_counts(settled.spike_counts)
+        self._watch = ContactWatch(
+            self._baseline,
+            settled.sample_count,
+            self._options,
+            verification_s=self._settling_s / 2.0,
+        )
+        for pending in settled.pending:
+            self._process(pending)
+
+    def _report_touch_while_settling(self, begin_s: float, end_s: float) -> None:
+        """Append a touch that began while the baseline was learned to `touches`, without position.
+
+        Parameters
+        ----------
+        begin_s, end_s : float
+            Times of the touch in s; NaN if there was none.
+        """
+        if math.isnan(begin_s):
+            return
+        touch = TouchSummary(
+            begin_s,
+            TrackStatus.SETTLING,
+            touch=len(self.touches) + 1,
+            onset_s=begin_s,
+            end_s=end_s,
+        )
+        self.touches.append(touch)
+        self._notes.add_touch_while_settling(begin_s, end_s, self._settling_s)
+
+    def _finish_settling(self, settling: Settling) -> None:
+        """Note that the baseline was not learned by the end of the stream."""
+        self._report_touch_while_settling(settling.touched_from_s, self._row.t_s)
+        self._notes.add_unsettled(settling.touched_from_s, self._settling_s)
+
+    def _note_misreading(self) -> None:
+        """Note which mistake in the readings explains the touches that were not located."""
+        peaks = self._unexplained_peaks
+        if not peaks:
+            return
+        misreading = find_misreading(self._problem, self._channels, peaks, self._unit)
+        if misreading:
+            self._notes.add(
+                f"touches could not be located, but could if {misreading.text}: {misreading.advice}"
+            )
+
+    def _watch_baseline(self, sample: FilteredSample, watch: ContactWatch) -> None:
+        """Process a sample outside of contacts, and begin a contact if there is one.
+
+        Parameters
+        ----------
+        sample : FilteredSample
+            The newest sample.
+        watch : ContactWatch
+            The samples before.
+        """
+        contact_samples = watch.add(sample, self._signal.interval_s)
+        if contact_samples:
+            self._begin_contact(contact_samples, watch)
+            return
+        missing = self._results.list_missing(sample)
+        self._row = TrackRow(sample.time_s, TrackStatus.QUIET, missing=missing)
+
+    def _begin_contact(self, samples: Sequence[VoltageSample], watch: ContactWatch) -> None:
+        """Begin a contact with its first samples."""
+        first = samples[0]
+        contact = Contact(
+            self._problem,
+            self._circuit,
+            baseline=self._baseline.take_snapshot(watch.detector.drift_errors),
+            is_settled=self._baseline.is_settled,
+            onset_s=first.time_s - self._signal.interval_s,
+        )
+        contact.begins_in_pause = first.time_s < watch.unverified_until_s
         self._contact = contact
-        return self._make_contact_row(samples[-1].time_s, contact)
+        for sample in samples:
+            self._add_to_contact(sample, contact)
+        self._update_contact_row(samples[-1], contact)
 
-    def _add_sample_to_contact(self, contact: Contact, t: float, voltages: Array) -> None:
-        """Add a sample to a contact, with the drift of the charges due to the baseline's error.
+    def _add_to_contact(self, sample: VoltageSample | FilteredSample, contact: Contact) -> None:
+        """Add a sample to a contact."""
+        contact.add(
+            sample.time_s,
+            np.array(sample.voltages),
+            np.array(sample.is_clipped),
+            interval_s=self._signal.interval_s,
+        )
 
-        Parameters
-        ----------
-        contact : Contact
-            Contact in progress.
-        t : float
-            Time of the sample in s.
-        voltages : ndarray, shape (electrodes,)
-            Voltages of the channels in V.
+    def _update_contact_row(self, sample: VoltageSample | FilteredSample, contact: Contact) -> None:
+        """Make the row of the last sample of a contact."""
+        number = len(self.touches) + 1
+        self._row = self._results.make_contact_row(sample, contact, number)
 
-        Notes
-        -----
-        A constant error e of the baseline voltage, integrated for a time t, adds the charge
-        (C + t/R) e.
-        """
-        baseline = self._baseline
-        elapsed_s = t - contact.record.onset_s
-        extrapolated = elapsed_s / self._clock.interval_s
-        error_V = baseline.noise_V * baseline.compute_relative_error(t, extrapolated)
-        drift_pC = (self._circuit.capacitance + self._circuit.conductance * elapsed_s) * error_V
-        above_line = voltages - baseline.predict(t) + baseline.predict_residual(t)
-        contact.add(t, above_line, baseline.noise_V, drift_pC)
-
-    def _continue_contact(self, t: float, voltages: Array, contact: Contact) -> TrackRow:
+    def _continue_contact(self, sample: FilteredSample, contact: Contact) -> None:
         """Process a sample during a contact, and finish the contact if it has ended or is lost.
 
         Parameters
         ----------
-        t : float
-            Time of the sample in s.
-        voltages : ndarray, shape (electrodes,)
-            Voltages of the channels in V.
+        sample : FilteredSample
+            The newest sample.
         contact : Contact
             Contact in progress.
         """
-        self._add_sample_to_contact(contact, t, voltages)
+        pause_s = sample.time_s - contact.record.end_s
+        if contact.is_lost_by_pause(pause_s):
+            self._finish_contact(contact, TrackStatus.LOST)
+            self._process(sample._replace(follows_pause=True))
+            return
+        if pause_s > MIN_PAUSE_INTERVALS * self._signal.interval_s:
+            contact.record.note_pause(pause_s)
+        self._exclude_channels_without_signal(contact)
+        self._add_to_contact(sample, contact)
+        self._exclude_stepped_channel(contact)
         if contact.record.detect_end():
             contact.close()
-            self._finish_contact(t, contact)
-            return TrackRow(t, TrackStatus.QUIET)
-        if contact.is_lost:
-            self._finish_contact(t, contact, TrackStatus.LOST)
-            return TrackRow(t, TrackStatus.LOST)
-        return self._make_contact_row(t, contact)
+            self._finish_contact(contact)
+            self._row = TrackRow(sample.time_s, TrackStatus.QUIET)
+        elif contact.is_lost:
+            self._finish_contact(contact, TrackStatus.LOST)
+            self._row = TrackRow(sample.time_s, TrackStatus.LOST)
+        else:
+            self._update_contact_row(sample, contact)
+            self._learn_in_unexplained_contact(sample, contact)
 
-    def _finish_contact(
-        self, t: float, contact: Contact, status: TrackStatus | None = None
-    ) -> None:
-        """Append the summary of a contact to `touches`, and return to watching the baseline.
+    def _learn_in_unexplained_contact(self, sample: FilteredSample, contact: Contact) -> None:
+        """Learn the baseline again while no touch explains a contact, and give it up when it can be.
 
-        The voltages after the contact become the residual of the baseline, and the detector starts
-        without samples.
+        The readings of the unloaded film may have changed. A touch that is held unexplained becomes
+        the baseline, too.
 
         Parameters
         ----------
-        t : float
-            Time of the last sample.
+        sample : FilteredSample
+            The newest sample.
+        contact : Contact
+            Contact in progress.
+        """
+        if contact.is_explained or contact.duration_s < self._settling_s:
+            self._relearning = None
+            return
+        if self._relearning is None:
+            self._relearning = self._make_settling(expects_residual=True)
+        settled = self._relearning.add(sample)
+        if settled:
+            self._finish_contact(contact)
+            self._row = TrackRow(sample.time_s, TrackStatus.LOST)
+            self._begin_to_watch(settled)
+
+    def _exclude_stepped_channel(self, contact: Contact) -> None:
+        """Exclude a channel from a contact whose voltage has stepped, and learn its line again."""
+        number = contact.find_stepped_channel()
+        if number is None:
+            return
+        contact.exclude_channel(number)
+        self._baseline.channels[number].forget_line()
+        self._notes.step_counts[self._names[number]] += 1
+
+    def _exclude_channels_without_signal(self, contact: Contact) -> None:
+        """Exclude channels from a contact that froze in it, or have returned with another offset.
+
+        A channel that is found to be frozen has told wrong voltages for some samples already.
+
+        Parameters
+        ----------
+        contact : Contact
+            Contact in progress.
+        """
+        for number, channel in enumerate(self._baseline.channels):
+            is_frozen = self._signal.filter.channels[number].validity is Validity.FROZEN
+            if contact.is_settled[number] and (is_frozen or not channel.is_settled):
+                contact.exclude_channel(number)
+
+    def _finish_contact(self, contact: Contact, status: TrackStatus | None = None) -> None:
+        """Append the summary of a contact to `touches`, and return to watching the baseline.
+
+        The voltages after the contact become the residual of the baseline.
+
+        Parameters
+        ----------
         contact : Contact
             Contact that has ended or is cut off.
         status : TrackStatus, optional
             Reason why the contact was cut off. Default: None, the contact has ended.
         """
-        self.touches.append(self._summarise_contact(contact, status))
-        end_s, voltages = contact.record.get_voltages_after_end()
-        self._baseline.replace_residual(end_s, t, voltages)
+        if contact.is_significant:
+            number = len(self.touches) + 1
+            self.touches.append(self._results.summarise_contact(contact, number, status))
+            has_space = len(self._unexplained_peaks) < MAX_TESTED
+            if has_space and not contact.is_explained and not contact.was_clipped.any():
+                self._unexplained_peaks.append(contact.record.compute_peak())
+        else:
+            self._notes.faint_count += 1
+        times_s, voltages = contact.record.get_voltages_after_end()
+        self._baseline.replace_residuals(times_s, voltages)
         self._contact = None
-        self._detector = ContactDetector(len(self.response.names), self._options)
-
-    def _summarise_contact(self, contact: Contact, status: TrackStatus | None) -> TouchSummary:
-        """Summarise a contact at the sample from which it was last located.
-
-        If it is not located, the summary is that of the sample with the largest charges, without
-        position and force.
-
-        Parameters
-        ----------
-        contact : Contact
-            Contact that has ended or is cut off.
-        status : TrackStatus, optional
-            Status of a contact that was cut off. Default: the status that follows from its touch.
-        """
-        record = contact.record
-        locator = contact.locator
-        candidates = locator.candidates
-        if candidates is None:
-            row = TrackRow(record.largest.time_s, TrackStatus.STARTING, len(self.touches) + 1)
-        else:
-            row = self._make_touch_row(
-                candidates.sample.time_s,
-                candidates,
-                coordinates=candidates.likeliest,
-                chi_square=candidates.chi_square,
-            )
-        values = {field.name: getattr(row, field.name) for field in fields(row)}
-        values["missing"] = " ".join(sorted(self._missing))
-        if status is not None:
-            values["status"] = status
-        return TouchSummary(
-            **values,
-            onset_s=record.onset_s,
-            end_s=record.end_s,
-            impulse_N_s=math.nan if math.isnan(row.force_N) else locator.impulse_N_s,
-        )
-
-    def _make_contact_row(self, t: float, contact: Contact) -> TrackRow:
-        """Make the row of the last sample of a contact; it has no position until it is located."""
-        locator = contact.locator
-        if locator.candidates is None:
-            return TrackRow(t, TrackStatus.STARTING, len(self.touches) + 1)
-        return self._make_touch_row(
-            t,
-            locator.candidates,
-            coordinates=locator.coordinates,
-            chi_square=locator.chi_square,
-        )
-
-    def _make_touch_row(
-        self, t: float, candidates: CandidateTouches, coordinates: Array, chi_square: float
-    ) -> TrackRow:
-        """Make the row of a located touch, in the frame of the stage.
-
-        The force is NaN if it is at the upper end of the extrapolated range.
-
-        Parameters
-        ----------
-        t : float
-            Time of the sample in s.
-        candidates : CandidateTouches
-            Candidates of the last location, with the standard deviations of the coordinates.
-        coordinates : ndarray, shape (4,)
-            Coordinates of the touch at this time.
-        chi_square : float
-            Chi-square of the charges at this time.
-        """
-        problem = self._problem
-        x_mm, y_mm, rotation_deg, force_N = problem.to_touches(coordinates[None])[0].tolist()
-        x_deviation, y_deviation, rotation_deviation, log_deviation = candidates.deviations.tolist()
-        lowest_N, highest_N = self.response.domain.force_N
-        if not candidates.is_explained:
-            status = TrackStatus.UNEXPLAINED
-        elif force_N < lowest_N:
-            status = TrackStatus.TOO_LIGHT
-        elif force_N > highest_N:
-            status = TrackStatus.TOO_STRONG
-        else:
-            status = TrackStatus.TOUCH
-        # A force at the upper end of the extrapolated range is unknown.
-        if coordinates[TouchColumn.FORCE] >= problem.log_force_range[1]:
-            force_N = math.nan
-        return TrackRow(
-            t,
-            status,
-            touch=len(self.touches) + 1,
-            x_mm=x_mm,
-            y_mm=y_mm,
-            force_N=force_N,
-            rotation_deg=rotation_deg % find_rotation_period_deg(self.response),
-            x_deviation_mm=x_deviation,
-            y_deviation_mm=y_deviation,
-            force_deviation_N=log_deviation * force_N,
-            rotation_deviation_deg=rotation_deviation,
-            chi_square=chi_square,
-            alternatives=len(candidates),
-        )
+        self._relearning = None
+        if self._watch:
+            self._watch.restart(float(times_s[-1]), self._signal.interval_s)

@@ -38,7 +38,8 @@ class ChargeDeviations(Task):
     def run(self) -> Rows:
         """Return the deviations in pC, a row for each electrode.
 
-        ``total`` is the deviation of the total charge, ``change`` that of its change by the touch.
+        ``total`` is the deviation of the total charge, ``change`` that of the charge's change due
+        to the touch.
         """
         result = uncertainty(self.scene)
         rows = []
@@ -170,8 +171,9 @@ class Comparison(ElectrodeKind):
         bias = format_signed(data.frame.difference_percent.median(), 2)
         size = data.frame.difference_percent.abs()
         caption = (
-            f"Below: computed less {data.what} charge, in percent of it; bias {bias} %, median "
-            f"size {size.median():.2f} %, worst {size.max():.2f} %. Bars: errors of our solves."
+            f"Below: computed minus {data.what} charge, in percent of the latter; bias {bias} %, "
+            f"median magnitude {size.median():.2f} %, largest {size.max():.2f} %. Bars: errors of"
+            " our solves."
         )
         if "difference_over_deviation" in data.frame:
             is_within = data.frame.difference_over_deviation.abs() <= 2.0
@@ -255,7 +257,7 @@ def _collect_deviations(
     results : ReportResults
         Results with the rows of the tasks `ChargeDeviations`.
     reading : {"total", "change"}
-        Whether total charges or their changes by the touch are compared.
+        Whether total charges or their changes due to the touch are compared.
 
     Returns
     -------

@@ -29,7 +29,7 @@ def _check_range(values: ValueRange) -> ValueRange:
     if values.count > MAX_VALUES:
         raise make_validation_error(f"has a count of {values.count}; give at most {MAX_VALUES}")
     if values.spacing == "log" and not values.start * values.stop > 0.0:
-        reason = "is not possible with these ends; give both the same sign, and not 0"
+        reason = "needs a start and a stop of the same sign, and neither of them 0; change them"
         raise make_validation_error(reason)
     return values
 

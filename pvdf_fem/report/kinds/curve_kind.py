@@ -191,7 +191,7 @@ def _make_table(results: ReportResults, series: SceneSeries, reading: str) -> pd
     series : SceneSeries
         Scenes and electrodes of a curve.
     reading : {"total", "change"}
-        Whether total charges or their changes by the touch are shown.
+        Whether total charges or their changes due to the touch are shown.
     """
     count = len(series.names)
     frame = results.make_table(series.scenes, series.names, reading, series.data_pC)

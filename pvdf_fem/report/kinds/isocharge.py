@@ -73,7 +73,7 @@ class IsochargeData:
     points : DataFrame
         Readings with the columns `POINT_COLUMNS`.
     reading : {"total", "change"}
-        Whether total charges or their changes by the touch are shown.
+        Whether total charges or their changes due to the touch are shown.
     caption : str
         Text below the figure.
     """
@@ -267,13 +267,13 @@ class Isocharge(MapKind):
         scene = self.resolve_scene(inputs)
         rows, scenes = self._find_data_on_map(inputs, scene, charge_map.domain.reach_mm)
         data = readings.get_charges(scenes, charge_map.names, self.resolve_reading(inputs))[rows]
-        places = np.array([get_probe_position_mm(scenes[row]) for row in rows])
-        computed, slopes = charge_map.evaluate(np.pad(places, ((0, 0), (0, 2))))
+        positions = np.array([get_probe_position_mm(scenes[row]) for row in rows])
+        computed, slopes = charge_map.evaluate(np.pad(positions, ((0, 0), (0, 2))))
         distances = np.abs(computed - offset - data) / np.linalg.norm(slopes, axis=-1)
         points = []
         for i, j in zip(*np.nonzero(np.isfinite(data)), strict=True):
             name = charge_map.names[j]
-            points.append((name, *places[i].tolist(), data[i, j], distances[i, j]))
+            points.append((name, *positions[i].tolist(), data[i, j], distances[i, j]))
         return pd.DataFrame(points, columns=POINT_COLUMNS)
 
 
@@ -285,7 +285,9 @@ def _find_charge_limits(charges: dict[str, Array]) -> tuple[float, float]:
 
 def _make_panels(count: int) -> list[Axes]:
     """Return empty panels of a new figure, up to three in a row."""
-    columns = 1 if count == 1 else 2 if count <= 4 else 3
+    columns = 3
+    if count <= 4:
+        columns = min(count, 2)
     rows = math.ceil(count / columns)
     width = WIDTH_MM if columns < 3 else 1.25 * WIDTH_MM
     figure = make_figure(width, 12.0 + rows * (width - 26.0) / columns)
@@ -317,13 +319,13 @@ def _draw_panel(ax: Axes, data: IsochargeData, name: str, shades: Array) -> Scal
     values = data.charges_pC[name]
     filled = ax.contourf(x, y, values, shades, norm=BoundaryNorm(shades, 256), cmap=colours)
     is_here = data.points.electrode == name
-    places = data.points.loc[is_here, ["x_mm", "y_mm"]].to_numpy()
+    positions = data.points.loc[is_here, ["x_mm", "y_mm"]].to_numpy()
     electrodes = data.scene.electrode_list
     centres = [1e3 * electrode.outline.centroid for electrode in electrodes]
-    occupied = np.array([*centres, *places])
+    occupied = np.array([*centres, *positions])
     draw_labelled_contours(ax, x, y, values, levels=data.levels_pC[name], occupied=occupied)
     draw_film(ax, data.scene.film.radius_mm, electrodes, 1.04 * float(data.raster_mm.max()))
-    ax.plot(*places.T, **RING, markeredgecolor=COLOURS[1], markersize=4.0)
+    ax.plot(*positions.T, **RING, markeredgecolor=COLOURS[1], markersize=4.0)
     ax.set(title=f"electrode {name}", xlabel="", ylabel="")
     return filled
 

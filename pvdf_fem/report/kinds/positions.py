@@ -133,10 +133,10 @@ class Positions(MapKind):
                 located[LEAST_SQUARES][i] = _locate_by_least_squares(maps[number], row, self.sigma)
         frame = readings.frame.drop(columns=[ERROR_MM], errors="ignore")
         errors = {}
-        for method, places in located.items():
-            errors[method] = np.linalg.norm(places - true_mm, axis=1)
+        for method, positions in located.items():
+            errors[method] = np.linalg.norm(positions - true_mm, axis=1)
             column = method.replace(" ", "_")
-            frame[[f"{column}_x_mm", f"{column}_y_mm"]] = places
+            frame[[f"{column}_x_mm", f"{column}_y_mm"]] = positions
             frame[f"{column}_error_mm"] = errors[method]
         if not np.isfinite(list(errors.values())).any():
             raise NothingToShowError("no touch is located")
@@ -185,8 +185,8 @@ class Positions(MapKind):
     def make_table(self, data: PositionData) -> pd.DataFrame:
         """Return a table of labels, true positions and errors."""
         table = data.readings.frame[list(data.readings.source.labels)].astype(str)
-        places = [f"{x:.4g}, {y:.4g}".replace("-", "−") for x, y in data.true_mm.tolist()]
-        table["position (mm)"] = places
+        positions = [f"{x:.4g}, {y:.4g}".replace("-", "−") for x, y in data.true_mm.tolist()]
+        table["position (mm)"] = positions
         for name, errors in data.errors_mm.items():
             texts = [f"{error:.2f}" if np.isfinite(error) else "–" for error in errors]
             table[f"error, {name} (mm)"] = texts
@@ -253,7 +253,9 @@ def _locate_by_least_squares(
     ndarray, shape (2,)
         Position in mm; NaN if no position within the radius of the map explains the charges.
     """
-    location = locate(charge_map, charges_pC, sigma, unknown=("x_mm", "y_mm"), reading="total")
+    location = locate(
+        charge_map, charges_pC, sigma, unknown=("x_mm", "y_mm"), reading="total", unit="pC"
+    )
     if not location.touches:
         return np.full(2, np.nan)
     best = location.touches[0]

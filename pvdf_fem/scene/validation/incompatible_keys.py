@@ -28,7 +28,7 @@ class SceneTables(NamedTuple):
     probes: Mapping[str, Probe]  #: By their keys, ``probe`` or ``probe[0]``.
 
     def get_kind(self, key: str) -> str:
-        """Return the ``kind`` of the load of the probe with a key: its own, or else the scene's."""
+        """Return the ``kind`` of the load of the probe with a key: its own or the scene's."""
         probe = self.probes[key]
         own = probe.load if isinstance(probe, ListedProbe) else None
         return (own.kind if own else None) or self.load.kind

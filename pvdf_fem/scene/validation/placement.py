@@ -26,6 +26,15 @@ from pvdf_fem.scene.shapes.sphere import SphereShape
 _HashableElectrodes: TypeAlias = Layout | tuple[tuple[str, Electrode], ...]
 
 
+def key_electrodes(
+    electrodes: Layout | tuple[Electrode, ...],
+) -> Layout | dict[str, Electrode]:
+    """Return the electrodes of a list by their keys, such as ``electrodes[0]``, or the layout."""
+    if isinstance(electrodes, Layout):
+        return electrodes
+    return {f"electrodes[{number}]": electrode for number, electrode in enumerate(electrodes)}
+
+
 def find_placement_errors(
     radius_mm: float | None,
     electrodes: Layout | Mapping[str, Electrode],
@@ -245,7 +254,7 @@ def _find_rim_errors(key: str, shape: PlacedShape, radius_mm: float) -> Iterator
     ------
     str
         One error of the form ``key = value: reason; advice``, or none. The key is a size of the
-        shape if it would not fit even at the centre, and else the coordinate with the larger
+        shape if it would not fit even at the centre, otherwise the coordinate with the larger
         magnitude.
     """
     limit_mm = radius_mm * (1 + LENGTH_TOLERANCE)

@@ -10,6 +10,7 @@ from functools import cached_property
 from pydantic.fields import FieldInfo
 
 from pvdf_fem.scene.film import Air, Film
+from pvdf_fem.scene.instrument.response_domain import ResponseDomain
 from pvdf_fem.scene.keys import Key, Section
 from pvdf_fem.scene.load import Load, LoadOverrides
 from pvdf_fem.scene.placed.electrode import Electrode, Layout
@@ -17,7 +18,6 @@ from pvdf_fem.scene.placed.patch import Patch
 from pvdf_fem.scene.placed.placed_shape import PLACEMENT_KEYS, ShapedTable
 from pvdf_fem.scene.placed.probe import ListedProbe, Probe
 from pvdf_fem.scene.readout import Readout
-from pvdf_fem.scene.response_domain import ResponseDomain
 from pvdf_fem.scene.shapes.shape import Shape
 from pvdf_fem.scene.stage import Stage
 

@@ -102,7 +102,7 @@ class Budget:
         self.spent_seconds += iterations * estimate_iteration_seconds(count, equilibrium.model)
 
     def count_affordable_iterations(self, equilibrium: Equilibrium) -> int:
-        """Return how many Newton iterations one mesh may take, whatever was spent before."""
+        """Return how many Newton iterations one mesh may take, regardless of the work so far."""
         seconds = self.equilibrium_fraction * self.max_seconds
         count = equilibrium.unknowns.count
         return int(seconds / estimate_iteration_seconds(count, equilibrium.model))

@@ -85,7 +85,7 @@ class DeferredNewton(NewtonVariant):
         self._initial_size = options.near_size if near else np.inf
 
     def choose_tangent(self, state: State, iterations: Sequence[Iteration]) -> FactorisedTangent:
-        """Return the last tangent while its steps are small and shrink fast, else a new one."""
+        """Return the last tangent if its steps are small and shrink fast, otherwise a new one."""
         if self._tangent is not None and not self._is_tangent_outdated(self._tangent, iterations):
             return self._tangent
         last_size = iterations[-1].step_size if iterations else self._initial_size

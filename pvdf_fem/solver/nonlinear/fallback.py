@@ -94,10 +94,11 @@ class TipStiffnessContinuation(FallbackSolver):
         return task.equilibrium.is_abrupt
 
     def solve(self, task: EquilibriumTask) -> NewtonResult:
-        """Start from the task's initial guess, if there is one, otherwise or then from softer tips.
+        """Solve from the task's initial guess or, if this fails, from the solution of softer tips.
 
-        The equilibrium of softer tips is found by the whole fallback chain, so that tips may be
-        softened repeatedly. If it is not found, its failed result is returned.
+        Without an initial guess, softer tips are solved at once. Their equilibrium is found by the
+        whole fallback chain, so that tips may be softened repeatedly. If it is not found, that
+        failed result is returned.
         """
         equilibrium = task.equilibrium
         if task.initial_guess is not None:
@@ -125,7 +126,8 @@ class LineSearchNewton(FallbackSolver):
     def solve(self, task: EquilibriumTask) -> NewtonResult:
         """Solve by Newton's method with line search.
 
-        It starts from the task's initial guess or, without one, from a linear membrane.
+        It starts from the task's initial guess or, without one, from the
+        deflection of a linear membrane.
         """
         is_near = task.initial_guess is not None
         initial_guess = task.initial_guess

@@ -14,7 +14,7 @@ from pvdf_fem.solver.nonlinear.factors import factorise
 
 
 def compute_initial_guess(equilibrium: Equilibrium) -> Array:
-    """Compute the deflection of a linear membrane under the loads, scaled to lower the energy most.
+    """Compute the deflection of a linear membrane under the loads, scaled to minimise the energy.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def _find_minimizing_factor(
     smallest: float = 1e-12,
     ratio: float = 1.1,
 ) -> float:
-    """Find the factor on a direction at which the energy stops falling, by bisection.
+    """Find by bisection the factor up to which the energy decreases along a direction.
 
     The logarithm of the factor is bisected. A root finder of SciPy would need a change of sign,
     which is missing if the energy falls up to the factor 1.

@@ -68,6 +68,7 @@ class NewtonResult:
 
     @property
     def _own_tangent_count(self) -> int:
+        """Number of iterations with a new tangent, without those of failed attempts."""
         return sum(iteration.has_new_tangent for iteration in self.iterations)
 
     def as_failed_attempts(self, solver: str) -> tuple[FailedAttempt, ...]:
@@ -155,9 +156,9 @@ class NewtonVariant(ABC):
         return float(np.sqrt(abs(slope) / squared_norm)) if squared_norm > 0.0 else np.inf
 
     def compute_squared_norm(self, q: Array, state: State) -> float:
-        """Compute the squared energy norm in J that steps are compared with: the work of the loads.
+        """Compute the squared energy norm of the displacement in J, to which steps are relative.
 
-        It may be negative. Subclasses may override it.
+        Default: the work of the loads, which may be negative. Subclasses may override it.
 
         Parameters
         ----------

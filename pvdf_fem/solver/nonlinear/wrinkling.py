@@ -51,9 +51,10 @@ def estimate_load_strain(scene: Scene) -> float:
 
 
 def compute_excess_strain(scene: Scene) -> float:
-    """Compute the strain by which a film is too large for its rim: the smaller of x and y.
+    """Compute the strain by which a film is too large for its rim.
 
-    It is negative if the film is stretched in either direction.
+    This is the smaller of the strains along x and y. It is negative if the film is stretched in
+    either direction.
     """
     return -float(scene.film.prestrain[:2].max())
 
@@ -69,7 +70,7 @@ def is_barely_loaded(scene: Scene, max_fraction: float = 0.1) -> bool:
     scene : Scene
         The scene with the loads and the film.
     max_fraction : float, optional
-        Fraction of `compute_excess_strain` below which the strain by the loads counts as small.
+        Fraction of `compute_excess_strain` below which the load strain counts as small.
     """
     return estimate_load_strain(scene) < max_fraction * compute_excess_strain(scene)
 

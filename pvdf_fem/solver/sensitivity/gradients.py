@@ -126,7 +126,7 @@ def gradients(
     if tolerance is not None:
         tolerance = coerce("tolerance", tolerance, float, (1e-9, 1.0))
         if isinstance(solution, Solution) and solution.stop is Stop.GIVEN_MESH:
-            reason = "would leave the mesh that was given; give the scene instead, or no tolerance"
+            reason = "may require another mesh than the one given; give the scene, or no tolerance"
             raise ValueError(format_error("tolerance", tolerance, reason))
     if not isinstance(solution, Solution):
         solution = solve_problem(problem)
@@ -140,7 +140,10 @@ def gradients(
 
 
 def _validate_requested_keys(problem: Problem, parameters: Sequence[str] | None) -> Sequence[str]:
-    """Return the requested keys, by default all; ValueError for a key without derivatives."""
+    """Return the requested keys, by default all keys with derivatives.
+
+    A ValueError is raised for a requested key without a derivative.
+    """
     differentiable = list_parameters(problem)
     if parameters is None:
         return differentiable
@@ -205,7 +208,7 @@ def _solve_with_smaller_tolerance(
             return finer
         reason = f"with charges to {charge_tolerance:.1e}: {finer.reason}"
     raise NotConvergedError(
-        f"{Status.TOLERANCE}: derivatives by {key} have errors of {worst:.1e}; raise"
+        f"{Status.TOLERANCE}: derivatives with respect to {key} have errors of {worst:.1e}; raise"
         f" tolerance = {tolerance:g} ({reason})"
     )
 
@@ -232,9 +235,9 @@ def _compute_charge_gradients(solution: Solution, requested: Sequence[str]) -> G
     scales = np.array([[_find_parameter_scale(scene, key)] for key in keys])
     units = magnitudes / scales
     changes = np.abs(better_rates - rates)
-    errors = problem.film.mesh_policy.saturation * _estimate_errors(
-        changes, units, magnitudes=magnitudes
-    )
+    # the next order has errors as well, so that an error may exceed the change
+    saturation = problem.film.mesh_policy.saturation
+    errors = saturation * _estimate_errors(changes, units, magnitudes=magnitudes)
     largest = np.maximum(np.abs(rates), NEGLIGIBLE_FRACTION * units).max(axis=1, initial=TINY)
 
     names = [electrode.name for electrode in scene.electrode_list]

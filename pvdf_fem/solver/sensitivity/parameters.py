@@ -103,9 +103,10 @@ def map_probe_keys(scene: Scene) -> dict[str, list[ProbeNumber]]:
 
 
 def _explain_missing_probe_derivative(problem: Problem, key: str) -> str:
-    """Return why a key of a probe is excluded, or an empty string if it is not.
+    """Explain why charges have no derivative with respect to a key of a probe.
 
-    The text is the end of a sentence that begins with the key.
+    The text is the end of a sentence that begins with the key. It is empty if there is a
+    derivative.
     """
     for number in map_probe_keys(problem.scene)[key]:
         if number.name not in PLACE_NAMES:
@@ -146,7 +147,7 @@ def prescribe_pretension(scene: Scene) -> Scene:
 
 
 def expand_pair_key(key: str, known: Iterable[str]) -> list[str]:
-    """Return those known keys that a key stands for: itself, or both numbers of a pair.
+    """Expand a key to the known keys that it stands for: itself, or both numbers of a pair.
 
     The list is empty if the key is not known.
     """
@@ -173,4 +174,4 @@ def explain_missing_derivative(problem: Problem, key: str) -> str:
         return _explain_missing_probe_derivative(problem, key)
     if key in (*_list_film_keys(scene.film), *COEFFICIENTS):
         return "of a film that bends, wrinkles or feels voltages has no derivative"
-    return "is not a parameter of this scene that charges are differentiated by"
+    return "is not a key of this scene with respect to which charges are differentiated"

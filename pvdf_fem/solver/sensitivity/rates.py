@@ -168,7 +168,7 @@ def change_number(scene: Scene, key: str, change: float) -> Scene:
     key : str
         A key among `list_parameters`.
     change : float
-        What is added to the number, in the key's unit.
+        Amount that is added to the number, in the unit of the key.
     """
     numbers = map_probe_keys(scene).get(key)
     if not numbers:

@@ -50,8 +50,8 @@ class Uncertainty(Result):
     deviations: dict[str, float]
     #: Standard deviation of each total charge in pC due to one number, by key and electrode.
     parts_pC: dict[str, dict[str, float]]
-    #: Standard deviation of each change of a charge by the load in pC due to one number, by key and
-    #: electrode.
+    #: Standard deviation in pC, due to one number, of the change of each charge under the load, by
+    #: key and electrode.
     change_parts_pC: dict[str, dict[str, float]]
 
     @property
@@ -61,7 +61,7 @@ class Uncertainty(Result):
 
     @property
     def charge_changes_pC(self) -> dict[str, float]:
-        """Standard deviation of each change of a charge by the load in pC, by electrode."""
+        """Standard deviation in pC of the change of each charge due to the load, by electrode."""
         return _combine_uncertainty_parts(self.change_parts_pC)
 
     def shares(self) -> dict[str, dict[str, float]]:
@@ -187,7 +187,7 @@ def uncertainty(
 
 
 def _name_magnitudes_pC(names: list[str], charges: Array) -> dict[str, float]:
-    """Return the absolute values in pC by name, from charges in C in the order of the names."""
+    """Return the absolute values in pC of charges in C, by the name of the electrode."""
     magnitudes = np.abs(1e12 * charges)
     return dict(zip(names, magnitudes.tolist(), strict=True))
 
@@ -195,7 +195,7 @@ def _name_magnitudes_pC(names: list[str], charges: Array) -> dict[str, float]:
 def with_uncertain_numbers(
     scene_like: Solution | SceneLike, uncertain: Mapping[str, float | str] | None
 ) -> Scene:
-    """Return a scene whose uncertain numbers are replaced, or its own scene if None are given."""
+    """Return a scene with other uncertain numbers, or unchanged if `uncertain` is None."""
     scene = as_scene(scene_like)
     if uncertain is None:
         return scene
@@ -249,13 +249,17 @@ def resolve_uncertainty(problem: Problem) -> ResolvedUncertainty:
 
 
 def _replace_cooling_by_pretension(scene: Scene) -> Scene:
-    """Return the scene with its pretension given, even if its film was cooled.
+    """Return a copy of the scene with a prescribed pretension instead of a cooling.
 
-    `SceneError` is raised if a cooled film has patches or warms: its pretension is not uniform.
+    `SceneError` is raised if a cooled film has patches or warms, since its pretension is then not
+    uniform.
     """
     film = scene.film
     if film.pretension_N_m is None and (film.patches or film.warming_K):
-        reason = "is of a film that is cooled with patches or warms; give film.temperature_change_K"
+        reason = (
+            "a cooled film with patches or warming_K has no uniform pretension; give"
+            " film.temperature_change_K instead"
+        )
         raise SceneError([format_error(f"uncertain.{PRETENSION}", scene.uncertain, reason)])
     return prescribe_pretension(scene)
 

@@ -91,11 +91,14 @@ class CentreGrid:
             symmetry_order = 2  # A rotation by 180 degrees maps an orthotropic film onto itself.
         else:
             symmetry_order = 0  # Any rotation; replaced by the number of angles below.
+        # the counts are rounded up to multiples for which the symmetries map the grid onto itself
         even_order = math.lcm(2, symmetry_order or 1)
-        angle_count = even_order * math.ceil(2 * (2 * distance_count - 1) / even_order)
+        min_angle_count = 2 * (2 * distance_count - 1)
+        angle_count = even_order * math.ceil(min_angle_count / even_order)
         rotation_count = 1
         if film_rotation_count and not is_disc:
-            rotation_count = even_order // 2 * math.ceil(2 * film_rotation_count / even_order)
+            half_order = even_order // 2  # the rotations cover 180 degrees
+            rotation_count = half_order * math.ceil(film_rotation_count / half_order)
         return cls(
             reach_mm,
             distance_count,

@@ -44,7 +44,7 @@ class PolarGrid:
 
     @property
     def axes(self) -> tuple[UniformAxis, UniformAxis]:
-        """Axes of s in mm and of θ in radians."""
+        """Axes of the stretched distance s in mm and of the angle θ in radians."""
         steps = int(np.ceil(self._stretch_distances(self.reach_mm) / self.step_mm))
         start_mm = -PADDING_STEPS * self.step_mm
         along_ray = UniformAxis(start_mm, self.step_mm, PADDING_STEPS + steps + 1)

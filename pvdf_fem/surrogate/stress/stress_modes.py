@@ -126,12 +126,11 @@ class StressModes:
         c2, s2 = np.cos(2.0 * rotation), np.sin(2.0 * rotation)
         charges = []
         for electrode in electrodes:
-            integrals = np.concatenate(
-                [
-                    self._integrate_modes(electrode, positions_mm[i : i + at_once], to_film)
-                    for i in range(0, len(positions_mm), at_once)
-                ]
-            )
+            chunks = []
+            for start in range(0, len(positions_mm), at_once):
+                chunk_mm = positions_mm[start : start + at_once]
+                chunks.append(self._integrate_modes(electrode, chunk_mm, to_film))
+            integrals = np.concatenate(chunks)
             # Q = d31 X + d32 Y = (d31 + d32)/2 (X + Y) + (d31 - d32) (X - Y)/2, where (X - Y)/2 is
             # rotated from the probe's axes to the film's.
             by_mode = 0.5 * (d31 + d32) * integrals[:, 0]

@@ -71,7 +71,7 @@ def format_rows(keys: list[DataArray]) -> list[str]:
 
 
 def scale_axis(axis: XAxis | YAxis, keys: list[DataArray]) -> Array:
-    """Set the scale and the ticks of an axis, and return where values of scene keys are drawn.
+    """Set the scale and the ticks of an axis, and return the coordinates of the values on it.
 
     Numbers of a single key are drawn at their values: on a logarithmic scale if they are positive
     with a constant ratio, and with ticks at integers only if all are integers. Texts, and the

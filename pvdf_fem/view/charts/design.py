@@ -78,7 +78,7 @@ def _draw_deviations(ax: Axes, medians: DataArray, dimensions: list[str]) -> Non
             curve = medians.sel({dimensions[1]: value})
             ax.plot(x, curve, label=label, **get_line_style(number))
         ax.legend(title=format_keys([family]))
-    ax.set(xlabel=format_keys([along]), ylabel="median deviation of the place (mm)")
+    ax.set(xlabel=format_keys([along]), ylabel="median deviation of the position (mm)")
     ax.set_ylim(0.0, 1.05 * float(medians.max()))
 
 
@@ -114,7 +114,7 @@ def draw_design_map(ax: Axes, chosen: Dataset, max_deviation_mm: float | None = 
     values = ", ".join(_format_key_value(key) for key in keys)
     ambiguous = f"{float(chosen.ambiguous_share):.0%} ambiguous"
     ax.set_title(f"{values}\nmedian {median_mm:.3g} mm; dots: {ambiguous}".strip())
-    add_colour_bar(ax, drawn, "deviation of the place (mm)", extend="max")
+    add_colour_bar(ax, drawn, "deviation of the position (mm)", extend="max")
 
 
 def _format_key_value(key: DataArray) -> str:

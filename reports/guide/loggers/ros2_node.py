@@ -1,6 +1,8 @@
-"""A ROS 2 node that tracks readings in V, which come as Float64MultiArray on ``readings``.
+"""A ROS 2 node that tracks readings in V, which come as JointState on ``readings``.
 
-It publishes ``force`` (WrenchStamped) and ``place`` (PointStamped) with ``place_covariance``.
+``name`` has the names of the electrodes, ``effort`` their readings, and ``header.stamp`` the time
+at which they were taken. The node publishes ``force`` (WrenchStamped) and ``place`` (PointStamped)
+with ``place_covariance``.
 """
 
 from __future__ import annotations
@@ -10,12 +12,18 @@ import sys
 
 import numpy as np
 import rclpy
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PointStamped, WrenchStamped
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from pvdf_fem import Response, Tracker
 
 FRAME = "sensor"  # its origin is the stage's, and z points into the film
+#: A reliable subscription gets nothing from a driver that sends with best effort. The queue holds
+#: the samples of a second, since a node that is late must not lose them.
+QUALITY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def main(response: str) -> None:
@@ -27,16 +35,19 @@ def main(response: str) -> None:
     places = node.create_publisher(PointStamped, "place", 10)
     covariances = node.create_publisher(Float64MultiArray, "place_covariance", 10)
 
-    def track_sample(message: Float64MultiArray) -> None:
-        """Track a sample at the time of its arrival, and publish the touch."""
-        now = node.get_clock().now()
-        row = tracker.update(1e-9 * now.nanoseconds, message.data)
+    def track_sample(message: JointState) -> None:
+        """Track a sample at the time of its stamp, and publish the touch."""
+        stamp = message.header.stamp
+        # Seconds since 1970 are exact to 0.2 µs as a float.
+        readings = dict(zip(message.name, message.effort, strict=True))
+        row = tracker.update(stamp.sec + 1e-9 * stamp.nanosec, readings)
         if math.isnan(row.force_N):
             return
         force = WrenchStamped()
         place = PointStamped()
+        seconds = math.floor(row.t_s)
         for stamped in (force, place):
-            stamped.header.stamp = now.to_msg()
+            stamped.header.stamp = Time(sec=seconds, nanosec=int(1e9 * (row.t_s - seconds)))
             stamped.header.frame_id = FRAME
         force.wrench.force.z = row.force_N
         place.point.x = 1e-3 * row.x_mm
@@ -49,7 +60,7 @@ def main(response: str) -> None:
         places.publish(place)
         covariances.publish(covariance)
 
-    node.create_subscription(Float64MultiArray, "readings", track_sample, 100)
+    node.create_subscription(JointState, "readings", track_sample, QUALITY)
     rclpy.spin(node)
     rclpy.shutdown()
 

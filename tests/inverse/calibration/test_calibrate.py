@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, calibrate
+from pvdf_fem.inverse.calibration import reading_model
 from pvdf_fem.inverse.calibration.parameters import get_parameter, select_parameters
 from pvdf_fem.inverse.calibration.reading_model import ReadingModel
 from pvdf_fem.inverse.calibration.touch_table import read_touches
 from pvdf_fem.inverse.normal_equations import apply_robust_loss
+from tests.helpers import touched_sensor
 from tests.helpers.touched_sensor import (
     NAMES,
     SCENE,
@@ -286,6 +288,110 @@ def test_mistakes_in_the_file_are_named(word):
         calibration.scene  # noqa: B018
 
 
+def clip(columns, limit, names=NAMES):
+    """Return columns whose readings in pC are clipped at a limit."""
+    return columns | {name: np.minimum(columns[name], limit) for name in names}
+
+
+@pytest.mark.parametrize("unit", ["pC", "V"])
+def test_clipped_readings_are_left_out_and_named(calibration, unit):
+    """With and without a stated range, in the unit of the readings."""
+    columns = make_columns(sigma=0.01, place_sd=0.3)
+    limit = float(np.quantile([columns[name] for name in NAMES], 0.9))
+    size = 1.0 if unit == "pC" else 1e-3  # channels of 1000 pF
+    scaled = {name: size * columns[name] for name in NAMES}
+    clipped = clip(columns | scaled, size * limit)
+    expected = set()
+    for name in NAMES:
+        for row in np.flatnonzero(columns[name] >= limit) + 1:
+            expected.add((int(row), name))
+    scene = SCENE.with_(readout={"range_V": 1e-3 * limit}, uncertain=UNCERTAIN)
+    for sensor in (SCENE.with_(readout={}), scene):
+        result = calibrate(sensor, clipped, UNKNOWN, place_sd=0.3, unit=unit)
+        assert result.status == "calibrated"
+        assert result.outliers == {}
+        found = {(each["row"], each["electrode"]) for each in result.to_json()["clipped"]}
+        assert found == expected
+        assert np.isnan(result.fit.model.table.readings).sum() == len(expected)
+        texts = [note for note in result.notes if " is clipped (" in note]
+        assert len(texts) == len({name for _, name in expected})
+        assert all(unit in text for text in texts)
+        for name, parameter in calibration.parameters.items():
+            found = result.parameters[name]
+            assert abs(found["value"] - TRUE[name]) < 3.5 * found["deviation"]
+            assert found["deviation"] > 0.98 * parameter["deviation"]
+
+
+def test_touches_without_a_reading_that_is_not_clipped_are_left_out():
+    columns = make_columns(sigma=0.01)
+    limit = max(columns[name].max() for name in NAMES)
+    for name in NAMES:
+        columns[name][[4, 9]] = limit
+    result = calibrate(SCENE, columns, UNKNOWN)
+    assert result.status == "calibrated"
+    expected = np.delete(np.arange(1, 25), [4, 9])
+    assert result.fit.model.table.rows.tolist() == expected.tolist()
+    for name, parameter in result.parameters.items():
+        assert abs(parameter["value"] - TRUE[name]) < 3.5 * parameter["deviation"]
+
+
+def test_too_many_clipped_readings_have_a_status():
+    """Five touches remain for eight parameters; and columns may be clipped throughout."""
+    columns = make_columns(12, sigma=0.01)
+    limit = 1.01 * max(columns[name].max() for name in NAMES)
+    readout = {"range_V": 1e-3 * limit}
+    for name in NAMES:
+        columns[name][5:] = limit * np.linspace(1.0, 1.1, 7)
+    result = calibrate(SCENE.with_(readout=readout), columns, UNKNOWN, unit="pC")
+    assert result.status == "clipped"
+    assert "range_V" in result.reason
+    columns["A"][:5] = columns["C"][:5] = limit
+    with pytest.raises(ValueError, match=r"(?s)column A: is clipped in every row.*column C: is cl"):
+        calibrate(SCENE.with_(readout=readout), columns, UNKNOWN, unit="pC")
+
+
+def test_readings_that_only_look_clipped_are_named():
+    """A channel is stuck at the end of its range in one touch, far above what the touch gives."""
+    columns = make_columns(sigma=0.01)
+    weakest = int(np.argmin(columns["B"]))
+    limit = 1.05 * max(columns[name].max() for name in NAMES)
+    columns["B"][weakest] = limit
+    scene = SCENE.with_(readout={"range_V": 1e-3 * limit})
+    result = calibrate(scene, columns, UNKNOWN, unit="pC")
+    assert result.status == "calibrated"
+    (note,) = [note for note in result.notes if "looks clipped" in note]
+    assert note.startswith(f"row {weakest + 1}: B ")
+
+
+def test_swapped_channels_are_named_beside_clipped_readings():
+    columns = make_columns(sigma=0.01, place_sd=0.3)
+    limit = float(np.quantile([columns[name] for name in NAMES], 0.93))
+    clipped = clip(columns, limit)
+    swapped = clipped | {"A": clipped["B"], "B": clipped["A"]}
+    result = calibrate(SCENE, swapped, UNKNOWN, place_sd=0.3)
+    assert result.status == "swapped_channels"
+    assert {each["electrode"] for each in result.to_json()["clipped"]} == {"B", "C"}
+    assert "A and B" in result.reason
+
+
+def test_a_model_of_other_readings_knows_why_touches_were_not_solved():
+    columns = make_columns()
+    parameters = select_parameters(SCENE, (PRETENSION,), {})
+    model = ReadingModel(parameters, read_touches(columns, SCENE), "change", "pC", 1e-5)
+    everything = np.ones(24, dtype=bool)
+    off_film = np.zeros((24, 2))
+    off_film[3] = 44.0
+    model.solve_touches(parameters.initial, off_film, everything)
+    assert list(model.failures) == [3]
+    other = model.with_table(read_touches(columns, SCENE), "total")
+    assert other.failures == model.failures
+    assert other.is_solved.tolist() == model.is_solved.tolist()
+    other.failures.clear()
+    assert list(model.failures) == [3]
+    moved = read_touches(columns | {"x_mm": columns["x_mm"] + 0.1}, SCENE)
+    assert model.with_table(moved, "change").failures == {}
+
+
 def test_too_few_touches_and_touches_of_another_sensor_have_a_status():
     columns = make_columns(10, sigma=0.01)
     shuffled = {name: np.roll(columns[name], shift) for shift, name in enumerate(NAMES)}
@@ -314,3 +420,51 @@ def test_too_few_touches_and_touches_of_another_sensor_have_a_status():
 def test_wrong_arguments_are_rejected_before_any_solve(changes, arguments, key):
     with pytest.raises(ValueError, match=f"^{key}"):
         calibrate(SCENE.with_(**changes), {}, **arguments)
+
+
+IN_220_PF = {"feedback_capacitance_pF": 220.0, "reading": "change"}
+
+
+@pytest.mark.parametrize("sd", [0.0, 0.5])
+def test_readings_in_another_unit_than_the_default_are_used_and_said(sd):
+    """The default is V with a readout. Readings of hundreds in pC are not V."""
+    columns = make_columns(sigma=0.01, place_sd=sd)
+    scene = SCENE.with_(readout=IN_220_PF)
+    expected = calibrate(scene, columns, UNKNOWN, unit="pC", place_sd=sd)
+    found = calibrate(scene, columns, UNKNOWN, place_sd=sd)
+    assert found.fit.values == pytest.approx(expected.fit.values, rel=1e-6)
+    assert (found.to_json()["unit"], "in pC, not in V" in found.notes[0]) == ("pC", True)
+    in_volts = {name: columns[name] / 220.0 for name in NAMES}
+    assert calibrate(scene, columns | in_volts, UNKNOWN, place_sd=sd).notes == expected.notes
+    by_readout = scene.with_(**{"readout.unit": "pC"})
+    assert calibrate(by_readout, columns, UNKNOWN, place_sd=sd).notes == expected.notes
+
+
+@pytest.mark.parametrize(
+    ("readout", "unit", "factor", "words"),
+    [
+        (IN_220_PF, "V", 1.0, "in pC, not in V; give --unit pC"),
+        (IN_220_PF, "pC", 1 / 220.0, "in V, not in pC; give --unit V"),
+        (None, None, 1e-3, "in nC or V, not in pC; give --unit nC, or add a [readout]"),
+    ],
+)
+def test_a_wrong_unit_is_refused_after_three_solves(monkeypatch, readout, unit, factor, words):
+    solves = []
+
+    def solve(problem):
+        solves.append(problem)
+        return touched_sensor.solve_outputs(problem)
+
+    monkeypatch.setattr(reading_model, "solve_outputs", solve)
+    columns = make_columns(sigma=0.01)
+    columns |= {name: factor * columns[name] for name in NAMES}
+    result = calibrate(SCENE.with_(readout=readout), columns, UNKNOWN, unit=unit)
+    assert (result.status, words in result.reason, len(solves)) == ("wrong_unit", True, 3)
+    assert result.to_json()["status"] == "wrong_unit"
+
+
+def test_a_calibrated_sensor_reads_in_the_unit_of_its_touches(calibration):
+    """The nominal scene has no readout; another one keeps its own unit."""
+    assert calibration.scene.readout.unit == "pC"
+    wired = SCENE.with_(readout=IN_220_PF)
+    assert calibrate(wired, make_columns(sigma=0.01), UNKNOWN).scene.readout.unit == "V"

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Replaced
-from pvdf_fem.inverse.calibration.touch_table import TouchesError, read_touches
+from pvdf_fem.inverse.calibration.touch_columns import TouchesError
+from pvdf_fem.inverse.calibration.touch_table import read_touches
 from tests.helpers.touched_sensor import SCENE
 
 DISC = SCENE.with_(probe=Replaced({"shape": "circle", "radius_mm": 3.0}))
@@ -52,10 +53,12 @@ def test_empty_cells_leave_out_a_reading_or_a_row(tmp_path):
             "column x: is not expected; remove or rename it: did you mean x_mm?",
         ),
         (HEAD + "\n1,2,0,1,10,20,30", "row 1 has 7 cells"),
-        (HEAD + "\n1,2,0,1,10,20,30,oops", "row 1: D = 'oops'"),
-        (HEAD + "\n" + ROWS[0], "touches: 1 complete rows"),
+        (HEAD + "\n1,2,0,1,10,20,30,oops", "row 1, column D: 'oops'"),
+        (HEAD + "\n" + ROWS[0], "touches: 1 complete row;"),
+        (HEAD + "\n" + ROWS[0] + ",5", "row 1 has 9 cells"),
         (make_columns(B=[3.0]), "touches: columns differ in length"),
         (make_columns(B=[3.0, 3.0, 3.0]), "column B: is 3 in every row"),
+        (make_columns(C=[41.0] * 3, D=[41.0, 41.0, 40.0]), "column C: is 41 in every row, which"),
         (make_columns(C=[np.nan] * 3), "column C: is empty"),
         (make_columns(x_mm=[1.0] * 3, y_mm=[2.0] * 3), "columns x_mm, y_mm: the same in every row"),
         (make_columns(x_mm=[1e3, 3e3, -5e3], y_mm=[2e3, 4e3, 1e3]), "look like µm"),

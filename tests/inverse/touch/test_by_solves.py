@@ -12,7 +12,10 @@ from pvdf_fem.inverse.least_squares import run_levenberg_marquardt
 from pvdf_fem.inverse.touch.location_problem import LocationProblem
 from pvdf_fem.inverse.touch.search import LocateOptions, make_location
 from pvdf_fem.inverse.touch.solved_charges import SolvedResponse
-from pvdf_fem.inverse.touch.superposition import search_along_weak_direction
+from pvdf_fem.inverse.touch.superposition import (
+    _choose_distant_candidates,
+    search_along_weak_direction,
+)
 from pvdf_fem.surrogate.touch_domain import Domain
 from tests.helpers.bump_response import make_bump_response
 
@@ -58,6 +61,20 @@ def test_a_tangential_force_is_found_with_the_position_on_the_stage():
     location = locate(staged, charges, 1e-3, unknown=unknown, options=QUICK)
     assert location.best.values == pytest.approx([17.0, 0.0, 90.0, 1.0, 0.4, -0.2], abs=0.03)
     assert location.deviations["force_N"] < 0.01
+
+
+def test_a_touch_is_found_beside_a_clipped_charge():
+    """The charge nearest to the touch is far above the end of its range."""
+    truth = {"probe.x_mm": 5.0, "probe.y_mm": 3.0}
+    charges = solve(EIGHT_ELECTRODES.with_(**truth)).charges_pC
+    nearest = max(charges, key=charges.get)
+    end = 0.4 * charges[nearest]
+    readout = {"reading": "total", "range_V": {nearest: 1e-3 * end}}
+    scene = EIGHT_ELECTRODES.with_(readout=readout)
+    readings = charges | {nearest: end}
+    location = locate(scene, readings, 1e-3, unknown=POSITION_AND_FORCE, unit="pC", options=QUICK)
+    assert (location.status, location.clipped) == ("located", (nearest,))
+    assert location.best.values == pytest.approx([5.0, 3.0, 0.0, 1.0], abs=0.03)
 
 
 @pytest.mark.slow
@@ -148,3 +165,29 @@ def test_more_unknowns_than_charges_are_undetermined_without_any_solve():
         progress=lambda *numbers: solves.append(numbers),
     )
     assert (location.status, location.touches, solves) == ("undetermined", (), [])
+
+
+def test_the_first_solve_is_announced_with_the_number_of_solves_to_expect():
+    """Those of all candidates, once and after each preliminary step, and ten per refined one."""
+
+    def stop(done, expected):
+        raise InterruptedError(done, expected)
+
+    charges = dict.fromkeys("ABCDEFGH", 300.0)
+    options = replace(QUICK, superposed_candidates=3, preliminary_steps=2, refined_candidates=4)
+    with pytest.raises(InterruptedError) as announced:
+        locate(TWO_PROBES, charges, 1e-3, touches=2, options=options, progress=stop)
+    assert announced.value.args[1] == 3 * (1 + 2) + 10 * 4
+
+
+def test_candidates_at_exactly_the_least_distance_are_kept():
+    positions_mm = np.array([[[0.0, 0.0]], [[2.5, 2.5]], [[0.0, 5.0]], [[5.0, 5.0]]])
+    options = LocateOptions(candidate_distance_mm=5.0, superposed_candidates=3)
+    assert _choose_distant_candidates(positions_mm, options) == [0, 2, 3]
+
+
+def test_charges_below_those_without_any_touch_have_no_location():
+    charges = dict.fromkeys("ABCDEFGH", 30.0)
+    location = locate(TWO_PROBES, charges, 1e-3, touches=2, options=QUICK)
+    assert location.touches == ()
+    assert location.status == "no_touch_found"

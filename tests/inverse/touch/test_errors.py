@@ -96,7 +96,7 @@ def test_a_disc_has_no_rotation():
     assert not best.determined
     position_and_force = best.null_directions[0][POSITION_AND_FORCE]
     assert position_and_force == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
-    assert (location.status, len(location.remarks)) == ("located", 1)
+    assert (location.status, len(location.notes)) == ("located", 1)
     # Every rotation is as likely.
     assert location.deviations["rotation_deg"] == pytest.approx(ONE_SIGMA * 180.0, rel=0.08)
 

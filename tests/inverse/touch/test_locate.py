@@ -142,7 +142,7 @@ def test_too_few_charges_and_impossible_charges_are_flagged(charges, freedom, st
     assert (location.status, touches.status[0]) == (status, status)
     assert location.degrees_of_freedom == freedom
     assert location.explained == touches.explained[0] == (status == "located")
-    assert bool(location.remarks) == (status != "located")
+    assert bool(location.notes) == (status != "located")
     if status == "undetermined":
         assert location.touches == ()
         assert np.isnan(touches.values).all()

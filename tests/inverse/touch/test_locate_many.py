@@ -7,11 +7,13 @@ import pytest
 
 from pvdf_fem.inverse.touch import locate_many as module
 from pvdf_fem.inverse.touch.locate_many import locate_many
+from pvdf_fem.inverse.touch.location_problem import LocationProblem
+from pvdf_fem.inverse.touch.search import search_rows
 from tests.helpers.bump_response import draw_uniform_touches, make_bump_response
 
 #: Rows that cannot be used, by their status.
 BAD_ROWS = {
-    "not_finite": [[np.nan, 1.0, 1.0, 1.0], [1.0, np.inf, 1.0, 1.0], [1.0, 1.0, None, 1.0]],
+    "not_finite": [[np.nan, 700.0, np.nan, 600.0], [1.0, np.inf, -np.inf, 1.0], [None] * 4],
     "too_large": [[1e13, 1.0, 1.0, 1.0], [1e300, 1.0, 1.0, -1e300], [1.7e308] * 4],
     "zero_charge": [[0.0, 0.0, 0.0, 0.0], [700.0, 0.0, 600.0, 500.0], [1e-300, 1.0, 1.0, 1.0]],
 }
@@ -86,7 +88,13 @@ def test_columns_in_any_order_give_the_same_touches_as_rows():
     assert found.values == pytest.approx(expected.values, abs=1e-3)
     columns["B"][3] = None
     found = locate_many(response, columns, rotations_deg=rotations)
-    assert np.flatnonzero(found.status != "located").tolist() == [3]
+    without = {name: [columns[name][3]] for name in "CAD"}
+    alone = locate_many(response, without, rotations_deg=rotations[3:4])
+    assert found.values[3] == pytest.approx(alone.values[0], abs=1e-3)
+    assert found.deviations[3] == pytest.approx(alone.deviations[0], rel=1e-3)
+    assert found.to_table()["remark"][3] == "no reading of B"
+    others = np.delete(np.arange(len(charges)), 3)
+    assert found.values[others] == pytest.approx(expected.values[others], abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -121,3 +129,14 @@ def test_chunks_change_no_row_and_memory_does_not_grow_with_rows(monkeypatch):
     assert (peaks[1] - peaks[0]) / 3000 < 400.0
     assert found.status[:600].tolist() == whole.status.tolist()
     np.testing.assert_allclose(found.values[:600], whole.values, atol=1e-2)
+
+
+def test_more_candidates_of_a_row_find_a_touch_that_fits_no_worse():
+    response = make_bump_response()
+    charges, _ = response.evaluate(draw_uniform_touches(30, seed=3))
+    problem = LocationProblem(response, np.arange(4), charges, 1e-3 * charges, np.arange(4))
+    # the closest ends are duplicates: 3 % of the longest steps of 3 mm, 5 degrees and a factor e
+    assert problem.merge_distances == pytest.approx([0.09, 0.09, 0.15, 0.03])
+    first, best = (search_rows(problem, {}, count).chi_square for count in (1, 6))
+    assert (best <= first + 1e-6).all()
+    assert (first > 1.0).sum() > (best > 1.0).sum()

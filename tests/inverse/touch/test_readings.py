@@ -27,6 +27,7 @@ GAINS = np.array([1.1, 1.0, -0.9, 1.0])
 OFFSETS_V = np.array([0.0, 0.02, 0.0, -0.1])
 #: Channels of charges without gains, offsets and noise.
 PLAIN_CHANNELS = CHANNELS | {"gain": 1.0, "offset_V": 0.0, "noise_V": 0.0, "reading": "total"}
+PLAIN_CHANNELS["unit"] = "pC"
 STAGE = {"x_mm": 30.0, "y_mm": -5.0, "rotation_deg": float(np.degrees(np.arctan2(4.0, 3.0)))}
 TOUCH_ON_STAGE = np.array([30.0 + 5.0, -5.0, 25.0 + STAGE["rotation_deg"], 0.7])
 REST_PC = 48.0
@@ -65,12 +66,26 @@ def test_readings_are_those_of_the_channels(reading, by_readout, unit):
         variance = np.square(0.01 * signals) + np.square(1e-4 * charges) / 3.0
         variance += np.square(channel_noise / GAINS)
         location = locate(response, by_name(readings), known=ROTATION, noise_pC=noise_pC, **options)
-        assert (location.status, location.reading, location.remarks) == ("located", reading, ())
+        assert (location.status, location.reading, location.notes) == ("located", reading, ())
         assert location.best.values == pytest.approx(TOUCH, abs=1e-4)
         assert location.problem.deviations_pC[0] == pytest.approx(np.sqrt(variance))
     touches = locate_many(response, readings[None], rotations_deg=[25.0], **options)
     assert touches.values[0] == pytest.approx(TOUCH, abs=1e-3)
     assert touches.to_table()["remark"].tolist() == [""]
+
+
+@pytest.mark.parametrize("by_readout", ["V", "mV", "pC", "nC", None])
+def test_readings_are_in_the_unit_of_the_readout_or_in_pC_without_one(by_readout):
+    """Their unit is V unless the readout says otherwise; an argument wins."""
+    readout = PLAIN_CHANNELS | {"unit": by_readout} if by_readout else None
+    response = make_response(readout=readout)
+    charges = compute_charges(response)
+    units_pC = {"V": CAPACITANCES_PF, "mV": 1e-3 * CAPACITANCES_PF, "nC": 1e3}
+    readings = charges / units_pC.get(by_readout, 1.0)
+    touches = locate_many(response, readings[None], rotations_deg=[25.0])
+    assert touches.values[0] == pytest.approx(TOUCH, abs=1e-3)
+    location = locate(response, by_name(charges), known=ROTATION, unit="pC")
+    assert location.best.values == pytest.approx(TOUCH, abs=1e-3)
 
 
 #: Words of the explanation, options, and the mistake that is made with charges.

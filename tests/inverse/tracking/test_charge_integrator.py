@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from pvdf_fem.electrodes.channel import Channel
-from pvdf_fem.inverse.tracking.charge_integrator import ChargeIntegrator
-from pvdf_fem.inverse.tracking.circuit import ReadoutCircuit
+from pvdf_fem.inverse.tracking.charges.charge_integrator import ChargeIntegrator
+from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 
 NOISE_V = 2e-3
+NOT_CLIPPED = np.array([False])
 
 
 def integrate(circuit, t, voltages, noise_V=NOISE_V):
@@ -15,7 +16,7 @@ def integrate(circuit, t, voltages, noise_V=NOISE_V):
     integrator = ChargeIntegrator(circuit, t[0], voltages[:1])
     noise = np.array([noise_V])
     for time, voltage in zip(t[1:], voltages[1:], strict=True):
-        charges_pC = integrator.add(time, np.array([voltage]), noise)
+        charges_pC = integrator.add(time, np.array([voltage]), NOT_CLIPPED, noise)
     return charges_pC[0], integrator
 
 
@@ -53,3 +54,31 @@ def test_the_sampling_variance_is_that_of_jumps_at_random_times(resistance):
         variances.append(integrator.sampling_variance)
     assert abs(np.mean(errors)) <= 3.0 * np.std(errors) / 500**0.5
     assert np.mean(variances) == pytest.approx(np.mean(np.square(errors)), rel=0.1, abs=1e-6)
+
+
+def test_a_missing_sample_is_bridged_by_one_trapezium():
+    circuit = ReadoutCircuit.from_channels([Channel("A", 1e-10, 1e6)])
+    t = np.linspace(0.0, 0.03, 31)
+    voltages = 3.0 * t
+    expected, _ = integrate(circuit, t, voltages)
+    voltages[10:14] = np.nan
+    charge_pC, integrator = integrate(circuit, t, voltages)
+    assert charge_pC == pytest.approx(expected, rel=1e-12)
+    # An interval without a voltage says nothing on charge that sampling misses.
+    assert integrator.sampling_variance == 0.0
+
+
+def test_a_clipped_voltage_counts_with_the_parabola_above_its_limit():
+    """The excess is known to its own size, and all of it is in the stated deviation."""
+    circuit = ReadoutCircuit.from_channels([Channel("A", 1e-9, 1e9)])
+    t = np.linspace(0.0, 1.0, 1001)
+    voltages = 4.0 * t * (1.0 - t)
+    expected, _ = integrate(circuit, t, voltages)
+    limit = 0.8
+    integrator = ChargeIntegrator(circuit, t[0], np.zeros(1))
+    for time, voltage in zip(t[1:], np.minimum(voltages, limit)[1:], strict=True):
+        is_clipped = np.array([voltage >= limit])
+        charges_pC = integrator.add(time, np.array([voltage]), is_clipped, np.array([1e-6]))
+    deviation_pC = float(np.sqrt(integrator.walk_variance[0]))
+    assert charges_pC[0] == pytest.approx(expected, rel=0.02)
+    assert abs(charges_pC[0] - expected) < deviation_pC < 0.1 * expected

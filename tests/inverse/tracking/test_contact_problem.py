@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pvdf_fem.inverse.tracking.charge_sample import ChargeSample
-from pvdf_fem.inverse.tracking.contact_problem import ContactProblem
+from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.options import DEFAULTS
+from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
+from pvdf_fem.inverse.tracking.problem.force_curve import ForceCurve
 from pvdf_fem.surrogate.touch_domain import TouchColumn
 from tests.helpers.streams import Tap, compute_changes, make_sensor
 
@@ -27,6 +28,7 @@ def make_sample(tap, deviation_pC):
         walk_variance=zeros,
         drift_pC=zeros,
         sampling_variance=0.0,
+        is_clipped=np.zeros(len(charges_pC), dtype=bool),
     )
 
 
@@ -97,8 +99,17 @@ def test_forces_are_continued_beyond_those_of_the_response(force_N):
     """The response has 0.1 to 5 N; beyond them charges grow with a power of the force."""
     start = np.array([4.0, -3.0, 0.0, np.log(0.8)])
     sample = make_sample(replace(TAP, force_N=force_N), 0.05)
-    end, chi_square = PROBLEM.fit_force(start, sample)
-    np.testing.assert_array_equal(end[:3], start[:3])
+    fitted = ForceCurve(PROBLEM, start).fit(sample, np.log(0.8))
     tolerance = 1e-3 if force_N == 0.8 else 0.1
-    assert np.exp(end[TouchColumn.FORCE]) == pytest.approx(force_N, rel=tolerance)
-    assert (chi_square < 1e-2) == (force_N == 0.8)
+    assert np.exp(fitted.log_force) == pytest.approx(force_N, rel=tolerance)
+    assert (fitted.chi_square < 1e-2) == (force_N == 0.8)
+
+
+def test_missing_channels_do_not_count_in_the_force():
+    start = np.array([4.0, -3.0, 0.0, np.log(0.8)])
+    sample = make_sample(TAP, 0.05).without_channel(1)
+    fitted = ForceCurve(PROBLEM, start).fit(sample, np.log(0.5))
+    assert np.exp(fitted.log_force) == pytest.approx(0.8, rel=1e-3)
+    for channel in (0, 2, 3):
+        sample = sample.without_channel(channel)
+    assert np.isnan(ForceCurve(PROBLEM, start).fit(sample, 0.0).log_force)

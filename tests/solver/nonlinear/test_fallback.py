@@ -9,6 +9,7 @@ from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.nonlinear.budget import Budget
 from pvdf_fem.solver.nonlinear.deferred_newton import NewtonOptions
+from pvdf_fem.solver.nonlinear.factors import count_negative_pivots, factorise
 from pvdf_fem.solver.nonlinear.fallback import find_equilibrium
 from pvdf_fem.solver.nonlinear.newton import NewtonStep
 from pvdf_fem.solver.nonlinear.status import Status
@@ -114,3 +115,14 @@ def test_gives_up_a_film_that_stays_in_compression(mesh):
     result = find_equilibrium(Equilibrium(Problem.from_scene(scene), mesh, 3))
     assert result.status is Status.UNSTABLE
     assert len(result.iterations) <= NewtonOptions().patience < NewtonOptions().max_iterations
+
+
+def test_a_membrane_with_any_compression_is_unstable_although_its_mesh_is_too_coarse_to_buckle():
+    """40 N/m along x, and a compressive stress along y of a thousandth of the tension."""
+    tension = {"film.pretension_N_m": [40.0, 0.2], "film.temperature_change_K": None}
+    scene = TRIANGLE.with_(**tension, **{"film.warming_K": 0.03, "load.force_N": 0.0})
+    equilibrium = Equilibrium(Problem.from_scene(scene), graded_mesh(TRIANGLE, 6.0, 14.0))
+    result = find_equilibrium(equilibrium)
+    factors = factorise(equilibrium.tangent(equilibrium.state(result.q)))
+    assert count_negative_pivots(factors) == 0
+    assert result.status is Status.UNSTABLE

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -22,7 +22,10 @@ class ChargeSample:
     """
 
     #: Noise variance in pC² that stands for a missing reading.
-    MISSING: ClassVar[float] = 1e12
+    MISSING: ClassVar[float] = 1e18
+    #: Readings with a larger variance are missing. Means of missing readings have a smaller variance
+    #: than each of them.
+    MAX_VARIANCE: ClassVar[float] = 1e12
 
     time_s: float
     charges_pC: Array
@@ -30,11 +33,13 @@ class ChargeSample:
     walk_variance: Array  #: Variance in pC² of the random walk.
     drift_pC: Array  #: Standard deviation of the drift.
     sampling_variance: float  #: Variance in pC² along the direction of the charges.
+    #: Whether the channel was clipped, so that its charge is only a limit of the true one.
+    is_clipped: Mask
 
     @property
     def is_measured(self) -> Mask:
         """Mask of the channels that have a reading."""
-        return self.noise_variance < self.MISSING
+        return self.noise_variance < self.MAX_VARIANCE
 
     @property
     def variance(self) -> Array:
@@ -50,3 +55,12 @@ class ChargeSample:
     def significance(self) -> float:
         """Norm of the charges, each divided by its standard deviation without sampling error."""
         return float(np.linalg.norm(self.charges_pC / np.sqrt(self.variance)))
+
+    def without_channel(self, number: int) -> ChargeSample:
+        """Return a copy in which the charge of an electrode is missing."""
+        is_excluded = np.arange(len(self.charges_pC)) == number
+        return replace(
+            self,
+            charges_pC=np.where(is_excluded, 0.0, self.charges_pC),
+            noise_variance=np.where(is_excluded, self.MISSING, self.noise_variance),
+        )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.electrodes.channel import Channel
+from pvdf_fem.electrodes.channel import CHARGE_UNITS_PC, VOLTAGE_UNITS_V, Channel
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,35 +21,48 @@ class ReadoutCircuit:
     gain: Array  #: Factor between the voltage and the reading.
     offset: Array  #: Reading at zero voltage, in V.
     noise: Array  #: Standard deviation in V of the voltage before the gain.
+    low_V: Array  #: Lowest voltage in V before the gain that a reading can tell.
+    high_V: Array  #: Highest voltage in V before the gain that a reading can tell.
 
     @classmethod
     def from_channels(cls, channels: Sequence[Channel]) -> ReadoutCircuit:
         """Make the circuit of a sequence of channels, converted to pF, pA/V and V."""
+        limits = []
+        for channel in channels:
+            low_V = (channel.low_V - channel.offset) / channel.gain
+            high_V = (channel.high_V - channel.offset) / channel.gain
+            limits.append(sorted((low_V, high_V)))  # a negative gain exchanges them
         return cls(
             capacitance=np.array([1e12 * channel.capacitance for channel in channels]),
             conductance=np.array([1e12 / channel.resistance for channel in channels]),
             gain=np.array([channel.gain for channel in channels], dtype=float),
             offset=np.array([channel.offset for channel in channels], dtype=float),
             noise=np.array([abs(channel.noise / channel.gain) for channel in channels]),
+            low_V=np.array(limits)[:, 0],
+            high_V=np.array(limits)[:, 1],
         )
 
-    def compute_voltages(self, readings: Array, unit: str) -> Array:
-        """Convert readings to the voltages before gain and offset.
+    def compute_conversion(self, unit: str) -> tuple[list[float], list[float]]:
+        """Compute the conversion of readings to the voltages before gain and offset.
 
         Parameters
         ----------
-        readings : ndarray, shape (electrodes,)
-            Readings of the channels.
-        unit : {"V", "pC"}
-            Unit of the readings. Readings in nominal pC are readings in V times the capacitance.
+        unit : str
+            Unit of the readings, of `READING_UNITS`. Readings in nominal pC are readings in V times
+            the capacitance.
 
         Returns
         -------
-        ndarray, shape (electrodes,)
-            Voltages in V.
+        scale : list of float
+            Voltage in V for each unit of a reading, by electrode.
+        shift : list of float
+            Voltage in V that is added to it.
         """
-        readings_V = readings / self.capacitance if unit == "pC" else readings
-        return (readings_V - self.offset) / self.gain
+        if unit in VOLTAGE_UNITS_V:
+            size_V = np.full_like(self.capacitance, VOLTAGE_UNITS_V[unit])
+        else:
+            size_V = CHARGE_UNITS_PC[unit] / self.capacitance
+        return (size_V / self.gain).tolist(), (-self.offset / self.gain).tolist()
 
     def compute_decay(self, duration_s: float | Array) -> Array:
         """Compute the fraction of each voltage that remains after one or several durations.

@@ -9,20 +9,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.inverse.least_squares import SearchOptions, run_levenberg_marquardt
+from pvdf_fem.inverse.calibration_errors import CalibrationErrors
 from pvdf_fem.inverse.touch.location import MIN_ALTERNATIVE_WEIGHT
-from pvdf_fem.inverse.touch.location_problem import SEARCH_MARGIN, LocationProblem
+from pvdf_fem.inverse.touch.location_problem import (
+    SEARCH_MARGIN,
+    ChargeResiduals,
+    LocationProblem,
+)
 from pvdf_fem.inverse.touch.measurement import compute_unloaded_charges
 from pvdf_fem.inverse.touch.search import DEFAULT_OPTIONS, make_location, search_everywhere
 from pvdf_fem.inverse.touch.touch import Touch
-from pvdf_fem.inverse.tracking.charge_sample import ChargeSample
+from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.surrogate.charge_function import ChargeFunction
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
-
-#: The force changes little between samples, so that few steps from its last value suffice.
-FORCE_SEARCH = SearchOptions(max_steps=8, chi_square_tolerance=np.inf, step_tolerance=0.05)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,8 @@ class CandidateTouches:
     deviations: Array
     chi_square: float  #: Chi-square of the likeliest touch.
     is_explained: bool  #: Whether the likeliest touch fits the charges within their errors.
+    #: Position in mm and rotation in degrees of the likeliest touch, in the frame of the stage.
+    likeliest_pose: tuple[float, float, float]
 
     @property
     def likeliest(self) -> Array:
@@ -70,7 +73,11 @@ class ContactProblem(LocationProblem):
 
     @classmethod
     def from_response(
-        cls, response: ChargeFunction, fixed: Mapping[int, float], options: TrackOptions
+        cls,
+        response: ChargeFunction,
+        fixed: Mapping[int, float],
+        options: TrackOptions,
+        include_calibration: bool = True,
     ) -> ContactProblem:
         """Make the template from which `with_sample` makes the problem of each sample.
 
@@ -84,9 +91,17 @@ class ContactProblem(LocationProblem):
             Values of the coordinates that are not searched for, by their index.
         options : TrackOptions
             How far the force is extrapolated, and the skew of the sampling error.
+        include_calibration : bool
+            Whether errors that the calibration of the response's scene has left are included.
         """
         unloaded_pC = compute_unloaded_charges(response, "change")[0]
         free = [i for i in range(len(TOUCH_QUANTITIES)) if i not in fixed]
+        calibration = None
+        if include_calibration:
+            # The baseline contains the offsets, so that their errors have no effect.
+            calibration = CalibrationErrors.from_response(
+                response, range(len(unloaded_pC)), "change", has_offsets=False
+            )
         return cls(
             response,
             electrodes=np.arange(len(unloaded_pC)),
@@ -94,6 +109,7 @@ class ContactProblem(LocationProblem):
             deviations_pC=np.ones((1, len(unloaded_pC))),
             unknown=np.array(free),
             stage=response.scene.stage or Stage(),
+            calibration=calibration,
             unloaded_pC=unloaded_pC,
             fixed=fixed,
             options=options,
@@ -116,20 +132,35 @@ class ContactProblem(LocationProblem):
         charges (`TrackOptions.sampling_skew`).
         """
         measured = np.flatnonzero(sample.is_measured)
-        charges_pC = (self.unloaded_pC + sample.charges_pC)[None, measured]
-        # The error of the response is assumed to be uniformly distributed within its bound ±b.
-        response_error = self.response.error_bound / math.sqrt(3.0)
-        sampling_deviation = math.sqrt(sample.sampling_variance)
-        skew = self.options.sampling_skew * sampling_deviation * sample.direction[measured]
-        variance = sample.variance[measured]
-        variance = variance + np.square(response_error * charges_pC) + np.square(skew)
         return replace(
             self,
             electrodes=measured,
-            charges_pC=charges_pC,
-            deviations_pC=np.sqrt(variance),
+            charges_pC=(self.unloaded_pC + sample.charges_pC)[None, measured],
+            deviations_pC=np.sqrt(self.compute_variance(sample))[None, measured],
             unknown=unknown,
+            calibration=self._select_calibration(sample, measured),
         )
+
+    def _select_calibration(
+        self, sample: ChargeSample, measured: Indices
+    ) -> CalibrationErrors | None:
+        """Return the errors of the calibration for the measured channels of a sample."""
+        if self.calibration is None:
+            return None
+        signals_pC = sample.charges_pC[None, measured]
+        return self.calibration.select_electrodes(measured).with_signals(signals_pC)
+
+    def compute_variance(self, sample: ChargeSample) -> Array:
+        """Compute the variances of the charges of a sample in pC², shape (electrodes,).
+
+        See the notes of `with_sample`.
+        """
+        charges_pC = self.unloaded_pC + sample.charges_pC
+        # The error of the response is assumed to be uniformly distributed within its bound ±b.
+        response_error = self.response.error_bound / math.sqrt(3.0)
+        sampling_deviation = math.sqrt(sample.sampling_variance)
+        skew = self.options.sampling_skew * sampling_deviation * sample.direction
+        return sample.variance + np.square(response_error * charges_pC) + np.square(skew)
 
     @property
     def log_force_range(self) -> tuple[float, float]:
@@ -148,10 +179,10 @@ class ContactProblem(LocationProblem):
         reach_mm = SEARCH_MARGIN * self.response.domain.reach_mm
         return self.project_within(at, reach_mm, *self.log_force_range)
 
-    def linearise(self, at: Array, rows: Indices | None = None) -> Array:
-        """Compute whitened residuals and their derivatives, also outside the response's forces.
+    def compute_residuals(self, coordinates: Array, measured: Indices | slice) -> ChargeResiduals:
+        """Compute residuals and their derivatives, also outside the response's forces.
 
-        See `LocationProblem.linearise` for parameters and returns.
+        See `LocationProblem.compute_residuals` for parameters and returns.
 
         Notes
         -----
@@ -159,47 +190,33 @@ class ContactProblem(LocationProblem):
         and d = log F - log F₀ the distance beyond it. The changes at F are c (F/F₀)^p = c exp(p d),
         with the exponent p = c · (dc/dlog F)/|c|², in whitened units.
         """
-        edge = at.copy()
+        edge = coordinates.copy()
         edge[:, TouchColumn.FORCE] = np.clip(
-            at[:, TouchColumn.FORCE], *self.response.domain.log_force
+            coordinates[:, TouchColumn.FORCE], *self.response.domain.log_force
         )
-        system = super().linearise(edge, rows)
-        beyond = (at - edge)[:, TouchColumn.FORCE]
+        residuals = super().compute_residuals(edge, measured)
+        beyond = (coordinates - edge)[:, TouchColumn.FORCE]
         if not beyond.any():
-            return system
-        selected = slice(1) if rows is None else rows
-        measured = self.charges_pC[selected] - self.unloaded_pC[self.electrodes]
-        measured = measured / self.deviations_pC[selected]
-        change = system[:, :, 0] + measured
+            return residuals
+        system = residuals.system
+        change_pC = self.charges_pC[measured] - self.unloaded_pC[self.electrodes]
+        change = system[:, :, 0] + change_pC
         slope = system[:, :, 1 + TouchColumn.FORCE]
-        power = (slope * change).sum(axis=1) / np.square(change).sum(axis=1)
+        weights = 1.0 / np.square(self.deviations_pC[measured])
+        power = (weights * slope * change).sum(axis=1) / (weights * change**2).sum(axis=1)
         growth = np.exp(power * beyond)[:, None]
-        system[:, :, 0] = growth * change - measured
+        system[:, :, 0] = growth * change - change_pC
         system[..., 1:] *= growth[..., None]
         is_beyond = beyond != 0.0
         system[is_beyond, :, 1 + TouchColumn.FORCE] = (power[:, None] * growth * change)[is_beyond]
-        return system
+        film_effects = residuals.film_effects
+        if film_effects is not None:
+            film_effects = growth[:, :, None] * film_effects
+        return ChargeResiduals(system, film_effects)
 
-    def fit_force(self, coordinates: Array, sample: ChargeSample) -> tuple[Array, float]:
-        """Fit the force of a touch with fixed position and rotation to the charges of a sample.
-
-        Parameters
-        ----------
-        coordinates : ndarray, shape (4,)
-            Position, rotation and initial guess of the logarithm of the force.
-        sample : ChargeSample
-            Charges to fit.
-
-        Returns
-        -------
-        coordinates : ndarray, shape (4,)
-            Coordinates with the fitted logarithm of the force.
-        chi_square : float
-            Chi-square of the charges after the fit.
-        """
-        problem = self.with_sample(sample, np.array([TouchColumn.FORCE]))
-        end = run_levenberg_marquardt(problem, coordinates[None], options=FORCE_SEARCH)
-        return end.coordinates[0], float(end.chi_square[0])
+    def is_determined_by(self, sample: ChargeSample) -> bool:
+        """Return whether a sample has enough measured channels for the unknown coordinates."""
+        return self.with_sample(sample, self.unknown).is_determinable
 
     def locate(self, sample: ChargeSample) -> CandidateTouches | None:
         """Find the touches that fit the charges of a sample best, even if none explains them.
@@ -227,6 +244,7 @@ class ContactProblem(LocationProblem):
             problem.compute_mixture_deviations(touches, coordinates, sample),
             chi_square=touches[0].chi_square,
             is_explained=touches[0].explained,
+            likeliest_pose=(touches[0].x_mm, touches[0].y_mm, touches[0].rotation_deg),
         )
 
     def compute_mixture_deviations(
@@ -258,9 +276,11 @@ class ContactProblem(LocationProblem):
         causes.
         """
         sampling_pC = math.sqrt(sample.sampling_variance) * sample.direction[self.electrodes]
-        whitened = (sampling_pC / self.deviations_pC[0])[:, None]
-        slopes = self.linearise(coordinates)[:, :, 1:]
-        shifts = (np.linalg.pinv(slopes) @ whitened)[..., 0]
+        system = self.linearise(coordinates)
+        # The residuals of shifted charges differ by the whitened shift.
+        shifted = replace(self, charges_pC=self.charges_pC - sampling_pC)
+        whitened = shifted.linearise(coordinates)[:, :, :1] - system[:, :, :1]
+        shifts = (np.linalg.pinv(system[:, :, 1:]) @ whitened)[..., 0]
         distances = self.compute_differences(coordinates, coordinates[0])
         second_moment = np.square(distances) + np.square(shifts)
         values = np.array([touch.values for touch in touches])

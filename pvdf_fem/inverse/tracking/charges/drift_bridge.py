@@ -1,0 +1,65 @@
+"""Correction of the charges of a contact by the charge that is left at its end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
+from pvdf_fem.inverse.tracking.charges.sample_buffer import BufferedSamples
+
+
+class CorrectedCharges(NamedTuple):
+    """Charges after the correction by their residual at the end; the drift is then zero."""
+
+    charges_pC: Array
+    walk_variance: Array
+    sampling_variance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Bridge:
+    """Correction of the charges of a contact by their residual at its end (Brownian bridge).
+
+    Arrays have the shape (electrodes,).
+
+    Notes
+    -----
+    The errors e(t) are normally distributed. Their covariance with the error at the end T,
+    c(t) = cov(e(t), e(T)), is the sum of the random-walk variance at t, the product of the drifts
+    at t and T, and the sampling variance at t. Conditional on e(T) = r, the error e(t) has the mean
+    r c/v and the variance var(e(t)) - c²/v (Rasmussen and Williams, Gaussian Processes for Machine
+    Learning, 2006, eq. A.6). The variance of the sampling error is kept as a scalar along the
+    direction of the charges; for its correction, the projections of the other errors onto this
+    direction count as noise.
+    """
+
+    #: Mean charges r in pC after the end. The true charges are zero there, so that r is the
+    #: accumulated error.
+    residual: Array
+    total: Array  #: Variance v of the residual in pC².
+    along: Array  #: Squared components of the direction of the charges.
+    drift_pC: Array  #: Drift at the end.
+    sampling_total: float  #: Variance in pC² of the sampling error and the others along it.
+
+    def condition(self, samples: ChargeSample | BufferedSamples) -> CorrectedCharges:
+        """Condition the errors of one or several samples on the residual.
+
+        Parameters
+        ----------
+        samples : ChargeSample or BufferedSamples
+            Samples of the contact.
+        """
+        sampling_variance = np.asarray(samples.sampling_variance)
+        sampling = np.multiply.outer(sampling_variance, self.along)
+        covariance = samples.walk_variance + samples.drift_pC * self.drift_pC
+        walk_variance = samples.walk_variance + np.square(samples.drift_pC)
+        walk_variance = walk_variance - np.square(covariance) / self.total
+        return CorrectedCharges(
+            samples.charges_pC - self.residual * (covariance + sampling) / self.total,
+            np.maximum(walk_variance, 0.0),
+            sampling_variance * (1.0 - sampling_variance / self.sampling_total),
+        )

@@ -1,0 +1,143 @@
+"""Watching the baseline: samples outside of contacts, until the next contact begins."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pvdf_fem.inverse.tracking.contact_detector import ContactDetector, VoltageSample
+from pvdf_fem.inverse.tracking.options import TrackOptions
+from pvdf_fem.inverse.tracking.signal.baseline import Baseline
+from pvdf_fem.inverse.tracking.signal.reading_filter import FilteredSample
+
+#: Touches in a pause have left voltages if the first sample after it deviates from the baseline by
+#: more standard deviations.
+MAX_PAUSE_DEVIATIONS = 4.0
+#: Number of samples after which the relative errors of the baseline are computed again.
+ERROR_UPDATE_SAMPLES = 16
+
+
+class ContactWatch:
+    """Follows the baseline, and tells when a contact begins.
+
+    The last samples stay in the `ContactDetector`; they enter the baseline when they are certain
+    not to belong to a contact.
+
+    Parameters
+    ----------
+    baseline : Baseline
+        Baseline that has been learned.
+    sample_count : int
+        Number of samples that it was learned from.
+    options : TrackOptions
+        Length of the detector's windows.
+    verification_s : float
+        Time after a pause within which a contact may have been there before its end.
+    """
+
+    def __init__(
+        self,
+        baseline: Baseline,
+        sample_count: int,
+        options: TrackOptions,
+        *,
+        verification_s: float,
+    ) -> None:
+        self.baseline = baseline
+        longest = max(int(sample_count * options.window_fraction), 1)
+        self.detector = ContactDetector(len(baseline.channels), longest, options)
+        self._verification_s = verification_s
+        self._relative_errors = [0.0] * len(baseline.channels)
+        self._number = 0
+        #: Until this time, a contact may have been there before the last pause ended.
+        self.unverified_until_s = -math.inf
+
+    def add(self, sample: FilteredSample, interval_s: float) -> list[VoltageSample]:
+        """Add a sample, and return the samples of a contact that it completes.
+
+        If no contact begins and the detector is full, its oldest sample is added to the baseline.
+
+        Parameters
+        ----------
+        sample : FilteredSample
+            The newest sample.
+        interval_s : float
+            Sampling interval.
+
+        Returns
+        -------
+        list of VoltageSample
+            The last samples if a contact has begun in them, else none.
+        """
+        detector = self.detector
+        time_s = sample.time_s
+        if sample.follows_pause:
+            self._resume_after_pause(sample, interval_s)
+        deviations = []
+        for channel, voltage in zip(self.baseline.channels, sample.voltages, strict=True):
+            if voltage == voltage and channel.is_settled:  # not NaN
+                deviations.append((voltage - channel.predict(time_s)) / channel.noise_V)
+            else:
+                deviations.append(0.0)
+        detector.add(VoltageSample(time_s, sample.voltages, sample.is_clipped, deviations))
+        if self._number % ERROR_UPDATE_SAMPLES == 0 or self.baseline.has_new_residual():
+            self._update_relative_errors(time_s, interval_s)
+        self._number += 1
+        if detector.exceeds_threshold(self._relative_errors, self.baseline.noise_count):
+            return self._take_contact_samples(interval_s)
+        if detector.is_full:
+            self._move_oldest_sample_to_baseline(interval_s)
+        return []
+
+    def restart(self, time_s: float, interval_s: float) -> None:
+        """Watch again after a contact that ended at a given time, without its samples."""
+        self.detector.clear()
+        self._update_relative_errors(time_s, interval_s)
+
+    def _take_contact_samples(self, interval_s: float) -> list[VoltageSample]:
+        """Return the samples of the contact that begins; earlier ones enter the baseline."""
+        count = self.detector.count_contact_samples(np.array(self._relative_errors))
+        while len(self.detector) > count:
+            self._move_oldest_sample_to_baseline(interval_s)
+        return self.detector.get_samples()
+
+    def _resume_after_pause(self, sample: FilteredSample, interval_s: float) -> None:
+        """Continue the baseline at the first sample after a pause.
+
+        The samples before the pause enter the baseline. Touches during the pause may have left
+        voltages, or something may press already: both are a residual, which is taken from the
+        first sample if it deviates from the baseline.
+
+        Parameters
+        ----------
+        sample : FilteredSample
+            First sample after the pause.
+        interval_s : float
+            Sampling interval.
+        """
+        while len(self.detector):
+            self._move_oldest_sample_to_baseline(interval_s)
+        self.detector.clear()
+        time_s = sample.time_s
+        for channel, voltage in zip(self.baseline.channels, sample.voltages, strict=True):
+            deviation_V = voltage - channel.predict(time_s)
+            error = channel.compute_relative_error(time_s, interval_s)
+            limit_V = MAX_PAUSE_DEVIATIONS * math.hypot(1.0, error) * channel.noise_V
+            channel.age(time_s, interval_s)
+            if abs(deviation_V) > limit_V:
+                residual_V = voltage - channel.predict_line(time_s)
+                channel.replace_residual(time_s, residual_V, count=1)
+                self.unverified_until_s = time_s + self._verification_s
+
+    def _update_relative_errors(self, time_s: float, interval_s: float) -> None:
+        """Update the errors of the baseline relative to the noise; they change slowly."""
+        self._relative_errors = []
+        for channel in self.baseline.channels:
+            error = channel.compute_relative_error(time_s, interval_s)
+            self._relative_errors.append(error)
+
+    def _move_oldest_sample_to_baseline(self, interval_s: float) -> None:
+        """Move the oldest sample from the detector into the baseline."""
+        oldest = self.detector.remove_oldest()
+        self.baseline.add(oldest.time_s, oldest.voltages, interval_s)

@@ -1,0 +1,143 @@
+"""The force of a touch that stays at its place: a fit along one tabulated curve."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
+from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
+from pvdf_fem.surrogate.touch_domain import TouchColumn
+
+#: Number of tabulated forces; cubic interpolation between them is right to 1e-6 of a charge.
+POINT_COUNT = 129
+MAX_STEPS = 8
+#: Largest Gauss-Newton step of the logarithm of the force.
+MAX_LOG_STEP = 1.0
+#: The fit has converged when a step of the logarithm is smaller than this number, whose square is
+#: far below the errors of a force, or than this fraction of the standard deviation.
+SMALL_LOG_STEP = 0.01
+STEP_TOLERANCE = 0.05
+
+
+class FittedForce(NamedTuple):
+    """Force that fits the charges of a sample best."""
+
+    log_force: float  #: Logarithm of the force in N.
+    chi_square: float  #: Sum of the squared residuals, each divided by its variance.
+
+
+class ForceCurve:
+    """Changes of the charges as a function of the force, at a fixed position and rotation.
+
+    The charges are tabulated when a contact is located, and interpolated by cubic polynomials at
+    each of its samples.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+        Template of the contact problems, see `ContactProblem.from_response`.
+    coordinates : ndarray, shape (4,)
+        Position and rotation.
+    """
+
+    def __init__(self, problem: ContactProblem, coordinates: Array) -> None:
+        self._problem = problem
+        lowest, highest = problem.log_force_range
+        self._lowest = lowest
+        self._highest = highest
+        self._spacing = (highest - lowest) / (POINT_COUNT - 1)
+        points = np.tile(coordinates, (POINT_COUNT, 1))
+        points[:, TouchColumn.FORCE] = np.linspace(lowest, highest, POINT_COUNT)
+        # Not whitened: the template has no charges of its own.
+        system = problem.compute_residuals(points, slice(1)).system
+        self._changes = system[:, :, 0].tolist()
+        self._slopes = system[:, :, 1 + TouchColumn.FORCE].tolist()
+
+    def fit(self, sample: ChargeSample, log_force: float) -> FittedForce:
+        """Fit the force to the charges of a sample by the Gauss-Newton method.
+
+        Parameters
+        ----------
+        sample : ChargeSample
+            Changes of the charges. Missing and clipped channels are left out.
+        log_force : float
+            Initial guess of the logarithm of the force.
+
+        Returns
+        -------
+        FittedForce
+            NaN if no channel is measured.
+        """
+        measured = np.flatnonzero(sample.is_measured)
+        if not len(measured):
+            return FittedForce(math.nan, math.nan)
+        weights = (1.0 / self._problem.compute_variance(sample)[measured]).tolist()
+        charges_pC = sample.charges_pC[measured].tolist()
+        channels = measured.tolist()
+        chi_square = math.nan
+        for _ in range(MAX_STEPS):
+            changes, slopes = self._interpolate(log_force)
+            chi_square = 0.0
+            gradient = 0.0
+            curvature = 0.0
+            for channel, charge, weight in zip(channels, charges_pC, weights, strict=True):
+                residual = charge - changes[channel]
+                chi_square += weight * residual * residual
+                gradient += weight * slopes[channel] * residual
+                curvature += weight * slopes[channel] * slopes[channel]
+            if curvature == 0.0:
+                break
+            step = min(max(gradient / curvature, -MAX_LOG_STEP), MAX_LOG_STEP)
+            end = min(max(log_force + step, self._lowest), self._highest)
+            step = end - log_force
+            log_force = end
+            size = abs(step)
+            if size < SMALL_LOG_STEP or size * math.sqrt(curvature) < STEP_TOLERANCE:
+                # The chi-square falls by the product of gradient and step to first order.
+                chi_square = max(chi_square - gradient * step, 0.0)
+                break
+        return FittedForce(log_force, chi_square)
+
+    def _interpolate(self, log_force: float) -> tuple[list[float], list[float]]:
+        """Interpolate the changes of the charges in pC, and their derivatives.
+
+        Parameters
+        ----------
+        log_force : float
+            Logarithm of the force, within the tabulated range.
+
+        Returns
+        -------
+        changes : list of float
+            By electrode.
+        slopes : list of float
+            Derivatives with respect to the logarithm of the force.
+        """
+        spacing = self._spacing
+        position = (log_force - self._lowest) / spacing
+        index = min(int(position), POINT_COUNT - 2)
+        t = position - index
+        # Hermite's basis of values and slopes at both ends of the interval.
+        end_value = t * t * (3.0 - 2.0 * t)
+        start_slope = spacing * t * (1.0 - t) ** 2
+        end_slope = spacing * t * t * (t - 1.0)
+        value_rate = 6.0 * t * (1.0 - t) / spacing
+        start_rate = (1.0 - t) * (1.0 - 3.0 * t)
+        end_rate = t * (3.0 * t - 2.0)
+        changes = []
+        slopes = []
+        for start, end, slope, next_slope in zip(
+            self._changes[index],
+            self._changes[index + 1],
+            self._slopes[index],
+            self._slopes[index + 1],
+            strict=True,
+        ):
+            rise = end - start
+            changes.append(start + end_value * rise + start_slope * slope + end_slope * next_slope)
+            slopes.append(value_rate * rise + start_rate * slope + end_rate * next_slope)
+        return changes, slopes

@@ -1,0 +1,330 @@
+"""Learning the baseline: the first samples in which nothing touches the film."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import chdtri
+
+from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.inverse.tracking.signal.baseline import SettledBaseline
+from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
+from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
+from pvdf_fem.inverse.tracking.signal.reading_filter import FilteredSample
+
+#: Fewest samples from which a baseline is learned, however slow the sampling is.
+MIN_SETTLING_SAMPLES = 16
+MIN_FIT_SAMPLES = 4  #: Fewest voltages of a channel that a line is fitted to.
+#: Number of parts of the samples whose means must lie on a line.
+PART_COUNT = 8
+#: Probability that noise alone is taken for a touch.
+UNSTEADY_PROBABILITY = 1e-6
+#: Means of parts that deviate from a line by less than this, in noise deviations, are steady.
+MIN_UNSTEADY_DEVIATION = 0.5
+#: Spikes have at most this number of samples, and deviate from the samples before and after them by
+#: more noise deviations and a larger multiple of the difference of these samples.
+MAX_SPIKE_SAMPLES = 4
+SPIKE_DEVIATIONS = 10.0
+SPIKE_MULTIPLE = 3.0
+#: Deviations from the first samples that begin a touch, in noise deviations.
+ONSET_DEVIATIONS = 6.0
+#: A residual voltage is distinguished from the level if it decays by this number of time constants
+#: at least during the samples.
+MIN_TIME_CONSTANTS = 0.05
+#: A median of absolute values of a normal variable times this number is its standard deviation.
+MEDIAN_TO_DEVIATION = 1.4826
+
+
+@dataclass(frozen=True, eq=False)
+class SettledSamples:
+    """Baseline of the first samples, and the samples after them."""
+
+    baseline: SettledBaseline
+    sample_count: int  #: Number of samples that the baseline was learned from.
+    spike_counts: list[int]  #: Number of readings that were spikes, by channel.
+    #: The last samples, without hum, which may already belong to a contact.
+    pending: list[FilteredSample]
+
+
+class FittedBaseline(NamedTuple):
+    """Baseline, and what it leaves unexplained."""
+
+    baseline: SettledBaseline
+    errors_V: Array  #: Voltages less those of the baseline, shape (n, electrodes).
+
+
+class Settling:
+    """Collects samples until they are long enough and nothing touches the film.
+
+    Parameters
+    ----------
+    circuit : ReadoutCircuit
+        Noise of the channels.
+    hum : MainsHum or None
+        Mains hum that is learned from the same samples; None if it is already subtracted.
+    duration_s : float
+        Time without a touch from which the baseline is learned.
+    min_noise_V : float
+        Lower bound of the standard deviation of a voltage.
+    expects_residual : bool
+        Whether a touch before may have left voltages that still decay.
+
+    Attributes
+    ----------
+    touched_from_s, touched_to_s : float
+        Begin and end of a touch in the samples; NaN if there was none.
+    """
+
+    def __init__(
+        self,
+        circuit: ReadoutCircuit,
+        hum: MainsHum | None,
+        *,
+        duration_s: float,
+        min_noise_V: float,
+        expects_residual: bool = False,
+    ) -> None:
+        self._hum = hum
+        self._duration_s = duration_s
+        self._min_noise_V = np.maximum(circuit.noise, min_noise_V)
+        self._decay_rate = circuit.conductance / circuit.capacitance
+        self._expects_residual = expects_residual
+        self.samples: list[FilteredSample] = []
+        self._next_attempt_s = math.nan
+        self.touched_from_s = math.nan
+        self.touched_to_s = math.nan
+
+    @property
+    def ends_s(self) -> float:
+        """Time in s at which the baseline is learned if nothing touches the film until then."""
+        return self._next_attempt_s
+
+    def add(self, sample: FilteredSample) -> SettledSamples | None:
+        """Add a sample, and learn the baseline if there are enough.
+
+        Returns
+        -------
+        SettledSamples or None
+            None as long as the samples are too few, or the film is touched.
+        """
+        if not self.samples:
+            self._next_attempt_s = sample.time_s + self._duration_s
+        self.samples.append(sample)
+        is_early = sample.time_s < self._next_attempt_s
+        if is_early or len(self.samples) < MIN_SETTLING_SAMPLES:
+            return None
+        return self._learn()
+
+    def _learn(self) -> SettledSamples | None:
+        """Learn the baseline from the samples, or drop their older half if the film is touched."""
+        samples = self.samples
+        times_s = np.array([sample.time_s for sample in samples])
+        voltages = np.array([sample.voltages for sample in samples])
+        voltages[np.array([sample.is_clipped for sample in samples])] = np.nan
+        voltages = _remove_spikes(voltages, self._estimate_noise(voltages))
+        if self._hum is not None:
+            self._hum.learn(times_s, voltages)
+            voltages = voltages - self._hum.predict(times_s)
+            voltages = _remove_spikes(voltages, self._estimate_noise(voltages))
+        raw = np.array([sample.voltages for sample in samples])
+        is_spike = np.isnan(voltages) & ~np.isnan(raw)
+        noise_V = self._estimate_noise(voltages)
+        has_signal = _find_signals(voltages)
+        count = len(samples) - len(samples) // PART_COUNT
+        fitted = self._fit(times_s[:count], voltages[:count])
+        residuals = np.where(has_signal, fitted.errors_V, np.nan)
+        if not _is_steady(residuals, noise_V):
+            self._drop_older_half(times_s, voltages, noise_V)
+            return None
+        if not math.isnan(self.touched_from_s):
+            self.touched_to_s = float(times_s[0])
+        line_count = np.where(has_signal, fitted.baseline.count, 0)
+        pending = []
+        for sample, cleaned in zip(samples[count:], voltages[count:].tolist(), strict=True):
+            pending.append(sample._replace(voltages=cleaned))
+        return SettledSamples(
+            replace(fitted.baseline, count=line_count),
+            count,
+            spike_counts=is_spike.sum(axis=0).tolist(),
+            pending=pending,
+        )
+
+    def _estimate_noise(self, voltages: Array) -> Array:
+        """Estimate the noise from second differences, which hardly contain the signal of a touch.
+
+        Returns
+        -------
+        ndarray, shape (electrodes,)
+            Standard deviations in V, at least the given noise.
+        """
+        differences = np.diff(voltages, n=2, axis=0)
+        # The squared coefficients of a second difference are 1 + 4 + 1.
+        deviation = MEDIAN_TO_DEVIATION * _compute_medians(np.abs(differences)) / math.sqrt(6.0)
+        return np.maximum(deviation, self._min_noise_V)
+
+    def _fit(self, times_s: Array, voltages: Array) -> FittedBaseline:
+        """Fit the voltages of each channel by a line, or by a level and a residual that decays.
+
+        The residual of a touch is curved, which a line and a residual would share. Therefore the
+        slope is zero where there is a residual.
+
+        Parameters
+        ----------
+        times_s : ndarray, shape (n,)
+            Times of the samples.
+        voltages : ndarray, shape (n, electrodes)
+            Voltages in V; NaN where they are missing.
+        """
+        offsets_s = times_s - times_s[-1]
+        decays = self._decay_rate * (times_s[-1] - times_s[0]) > MIN_TIME_CONSTANTS
+        has_residual = decays & self._expects_residual
+        channel_count = voltages.shape[1]
+        level = np.zeros(channel_count)
+        slope = np.zeros(channel_count)
+        residual = np.zeros(channel_count)
+        noise_V = self._min_noise_V.copy()
+        count = np.zeros(channel_count, dtype=int)
+        errors_V = np.full(voltages.shape, np.nan)
+        for channel in range(channel_count):
+            is_measured = ~np.isnan(voltages[:, channel])
+            count[channel] = is_measured.sum()
+            if count[channel] < MIN_FIT_SAMPLES:
+                continue
+            x = offsets_s[is_measured]
+            shape = np.exp(-self._decay_rate[channel] * x) if has_residual[channel] else x
+            basis = np.column_stack([np.ones_like(x), shape])
+            values = voltages[is_measured, channel]
+            (level[channel], second), *_ = np.linalg.lstsq(basis, values, rcond=None)
+            if has_residual[channel]:
+                residual[channel] = second
+            else:
+                slope[channel] = second
+            errors = values - basis @ np.array([level[channel], second])
+            errors_V[is_measured, channel] = errors
+            deviation = math.sqrt(errors @ errors / (len(errors) - 2))
+            noise_V[channel] = max(deviation, noise_V[channel])
+        baseline = SettledBaseline(
+            float(times_s[-1]), level, slope, residual=residual, noise_V=noise_V, count=count
+        )
+        return FittedBaseline(baseline, errors_V)
+
+    def _drop_older_half(self, times_s: Array, voltages: Array, noise_V: Array) -> None:
+        """Note that the film is touched, and go on with the newer half of the samples.
+
+        Parameters
+        ----------
+        times_s : ndarray, shape (n,)
+            Times of the samples.
+        voltages : ndarray, shape (n, electrodes)
+            Voltages in V.
+        noise_V : ndarray, shape (electrodes,)
+            Standard deviations of a voltage.
+        """
+        self._expects_residual = True
+        if math.isnan(self.touched_from_s):
+            self.touched_from_s = _find_onset(times_s, voltages, noise_V)
+        self.samples = self.samples[len(self.samples) // 2 :]
+        self._next_attempt_s = self.samples[0].time_s + self._duration_s
+
+
+def _find_signals(voltages: Array) -> Mask:
+    """Mark the channels that have a signal, shape (electrodes,).
+
+    A channel has no signal if most of its voltages are missing, or if they are all equal although
+    those of another channel are not.
+    """
+    is_measured = ~np.isnan(voltages)
+    has_values = is_measured.sum(axis=0) > len(voltages) // 2
+    lowest = np.where(is_measured, voltages, np.inf).min(axis=0)
+    highest = np.where(is_measured, voltages, -np.inf).max(axis=0)
+    varies = lowest < highest
+    return np.asarray(has_values & (varies | ~varies.any()))
+
+
+def _remove_spikes(voltages: Array, noise_V: Array) -> Array:
+    """Replace single voltages and short bursts that leave the signal and come back by NaN.
+
+    Parameters
+    ----------
+    voltages : ndarray, shape (n, electrodes)
+        Voltages in V.
+    noise_V : ndarray, shape (electrodes,)
+        Standard deviations of a voltage.
+
+    Returns
+    -------
+    ndarray, shape (n, electrodes)
+        Copy of the voltages.
+    """
+    is_spike = np.zeros(voltages.shape, dtype=bool)
+    for length in range(1, MAX_SPIKE_SAMPLES + 1):
+        before = voltages[: -length - 1]
+        after = voltages[length + 1 :]
+        middle = (before + after) / 2.0
+        limit = SPIKE_DEVIATIONS * noise_V + SPIKE_MULTIPLE * np.abs(after - before)
+        for offset in range(1, length + 1):
+            inside = slice(offset, offset + len(middle))
+            is_spike[inside] |= np.abs(voltages[inside] - middle) > limit
+    return np.where(is_spike, np.nan, voltages)
+
+
+def _compute_medians(values: Array) -> Array:
+    """Compute medians along the first axis without missing values; 0 where all are missing."""
+    is_measured = ~np.isnan(values)
+    ordered = np.sort(values, axis=0)  # NaN comes last
+    count = is_measured.sum(axis=0)
+    middle = np.maximum(count - 1, 0) // 2
+    median = np.take_along_axis(ordered, middle[None], axis=0)[0]
+    return np.where(count > 0, median, 0.0)
+
+
+def _is_steady(residuals: Array, noise_V: Array) -> bool:
+    """Test whether the means of parts of the residuals are explained by the noise.
+
+    Parameters
+    ----------
+    residuals : ndarray, shape (n, electrodes)
+        Voltages above the lines in V; NaN where they are missing.
+    noise_V : ndarray, shape (electrodes,)
+        Standard deviations of a voltage.
+    """
+    statistic = 0.0
+    degrees_of_freedom = 0
+    largest = 0.0
+    for part in np.array_split(residuals / noise_V, PART_COUNT):
+        is_measured = ~np.isnan(part)
+        count = is_measured.sum(axis=0)
+        total = np.where(is_measured, part, 0.0).sum(axis=0)
+        divisor = np.maximum(count, 1)
+        statistic += float((np.square(total) / divisor).sum())
+        degrees_of_freedom += int((count > 0).sum())
+        largest = max(largest, float(np.abs(total / divisor).max()))
+    limit = chdtri(max(degrees_of_freedom, 1), UNSTEADY_PROBABILITY)
+    return statistic < limit or largest < MIN_UNSTEADY_DEVIATION
+
+
+def _find_onset(times_s: Array, voltages: Array, noise_V: Array) -> float:
+    """Find the time at which the voltages leave those of the first samples.
+
+    Parameters
+    ----------
+    times_s : ndarray, shape (n,)
+        Times of the samples.
+    voltages : ndarray, shape (n, electrodes)
+        Voltages in V; NaN where they are missing.
+    noise_V : ndarray, shape (electrodes,)
+        Standard deviations of a voltage.
+
+    Returns
+    -------
+    float
+        Time in s.
+    """
+    first_count = max(len(voltages) // PART_COUNT, 2)
+    start = _compute_medians(voltages[:first_count])
+    deviations = np.abs(voltages - start) / noise_V
+    is_changed = (deviations > ONSET_DEVIATIONS).any(axis=1)
+    return float(times_s[int(np.argmax(is_changed))])

@@ -1,0 +1,106 @@
+"""The chain from stamped readings to voltages: clock, limits, mains hum and spikes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from pvdf_fem.inverse.tracking.signal.baseline import Baseline
+from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
+from pvdf_fem.inverse.tracking.signal.clock import ClockEvent, SampleClock, StampedSample
+from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
+from pvdf_fem.inverse.tracking.signal.reading_filter import FilteredSample, ReadingFilter
+
+#: Pause in sampling intervals from which readings may have been missed.
+MIN_PAUSE_INTERVALS = 4.5
+
+
+class SignalChain:
+    """Turns stamped voltages into samples with true times, without hum and spikes.
+
+    Parameters
+    ----------
+    circuit : ReadoutCircuit
+        Lowest and highest voltage of each channel.
+    baseline : Baseline
+        Baseline and noise of the channels, by which spikes are found.
+    hum : MainsHum
+        Mains hum; it is subtracted when it has been learned.
+    """
+
+    def __init__(self, circuit: ReadoutCircuit, baseline: Baseline, hum: MainsHum) -> None:
+        self.clock = SampleClock()
+        self.hum = hum
+        self.filter = ReadingFilter(circuit, baseline)
+        #: Whether spikes are removed; while the baseline is learned, its noise is not known.
+        self.removes_spikes = False
+        self._last_time_s = math.inf  # Time of the last sample with readings.
+
+    @property
+    def interval_s(self) -> float:
+        """Sampling interval in s; infinite until it has been learned."""
+        return self.clock.interval_s
+
+    def describe(self, names: Sequence[str]) -> list[str]:
+        """Return a sentence for each kind of fault that was found and repaired.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Names of the channels.
+        """
+        return [*self.clock.notes, *self.hum.notes, *self.filter.describe(names)]
+
+    def receive(self, stamp_s: float, voltages: Sequence[float]) -> list[FilteredSample]:
+        """Receive the next sample, and return the samples that are decided.
+
+        Parameters
+        ----------
+        stamp_s : float
+            Time stamp of the sample.
+        voltages : sequence of float
+            Voltages in V; NaN where they are missing.
+
+        Returns
+        -------
+        list of FilteredSample
+            None while samples are held back. A sample without any reading has only NaN.
+        """
+        samples: list[FilteredSample] = []
+        for stamped in self.clock.receive(stamp_s, voltages):
+            samples.extend(self._filter(stamped))
+        return samples
+
+    def flush(self) -> list[FilteredSample]:
+        """Return the samples that are held back at the end of the stream."""
+        samples: list[FilteredSample] = []
+        for stamped in self.clock.flush():
+            samples.extend(self._filter(stamped))
+        return [*samples, *self.filter.spikes.flush()]
+
+    def _filter(self, stamped: StampedSample) -> list[FilteredSample]:
+        """Mark the readings of a sample, and remove hum and spikes."""
+        time_s = stamped.time_s
+        pause_s = time_s - self._last_time_s
+        is_pause = pause_s > MIN_PAUSE_INTERVALS * self.interval_s
+        follows_pause = is_pause or stamped.event is ClockEvent.RESTART
+        sample = self.filter.mark(time_s, stamped.values, follows_pause)
+        if sample.has_no_reading:
+            return [sample]
+        self._last_time_s = time_s
+        sample = self._subtract_hum(sample)
+        if not self.removes_spikes:
+            return [sample]
+        return self.filter.spikes.receive(sample, self.interval_s)
+
+    def _subtract_hum(self, sample: FilteredSample) -> FilteredSample:
+        """Return a sample without the mains hum, if it has been learned."""
+        if not self.hum.is_learned:
+            return sample
+        if not self.hum.is_active:
+            self.hum.observe(sample.time_s, sample.voltages)
+            return sample
+        cleaned = self.hum.subtract(sample.time_s, np.array(sample.voltages))
+        return sample._replace(voltages=cleaned.tolist())

@@ -1,0 +1,1 @@
+"""Files of data loggers: one reader for each format, which reads blocks of samples."""

@@ -1,0 +1,1 @@
+"""Files with named arrays: HDF5 and MATLAB."""

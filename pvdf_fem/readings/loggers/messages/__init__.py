@@ -1,0 +1,1 @@
+"""Files with messages of topics: MCAP and bags of ROS 2."""

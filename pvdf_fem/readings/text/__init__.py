@@ -1,0 +1,1 @@
+"""Tables in text: lines, separators, headers, and numbers as people and programs write them."""

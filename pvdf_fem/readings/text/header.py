@@ -1,0 +1,313 @@
+"""The header of a table in text: found below a preamble, by the names that it should have."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
+
+from pvdf_fem.readings.columns import Column, add_units, parse_heading, parse_unit_row
+from pvdf_fem.readings.text.numbers import MAX_QUOTED, has_number
+from pvdf_fem.readings.text.separators import (
+    SEPARATORS,
+    drop_empty_end,
+    find_comment_text,
+    parse_separator_line,
+    split_cells,
+)
+from pvdf_fem.readings.times import is_clock_time
+from pvdf_fem.readings.units import Unit
+
+#: Maximum number of lines in which the header is searched, and of lines between it and the first
+#: row of numbers.
+MAX_PREAMBLE = 1000
+#: Number of lines of numbers without a header above them after which there is none.
+ROWS_WITHOUT_HEADER = 3
+
+#: A line that separates the header from the rows in tables for people to read.
+_RULE = re.compile(r"[-+=|: \t]*(?:--|==)[-+=|: \t]*")
+
+IsWanted = Callable[[Column], bool]  #: Whether a column has one of the names that are wanted.
+
+
+def make_name_test(names: Collection[str]) -> IsWanted:
+    """Return a function that tells whether a column has one of some names, with any unit.
+
+    Parameters
+    ----------
+    names : collection of str
+        Names of electrodes, and of quantities with a unit such as ``x_mm``. Upper and lower case
+        are the same.
+    """
+    wanted = set()
+    for name in names:
+        wanted |= {name.casefold(), parse_heading(name).name.casefold()}
+
+    def is_wanted(column: Column) -> bool:
+        return column.heading.casefold() in wanted or column.name.casefold() in wanted
+
+    return is_wanted
+
+
+@dataclass(frozen=True)
+class Header:
+    """The header of a table in text.
+
+    Parameters
+    ----------
+    columns : tuple of Column
+        The columns, with the units in the headings or in a row below them.
+    separator : str
+        Separator of the rows, one of `SEPARATORS`.
+    needed : int
+        Number of cells that a row must have. It is that of the first row if this lacks the last
+        columns, such as one for comments.
+    """
+
+    columns: tuple[Column, ...]
+    separator: str
+    needed: int
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A line that may be the header.
+
+    Parameters
+    ----------
+    columns : tuple of Column
+        Columns, if it is the header.
+    separator : str
+        The separator by which it has most of the wanted names.
+    wanted : tuple of int
+        Indices of the columns with wanted names.
+    lines_before : int
+        Number of lines before it.
+    """
+
+    columns: tuple[Column, ...]
+    separator: str
+    wanted: tuple[int, ...]
+    lines_before: int
+
+    def find_row_separator(self, line: str) -> str | None:
+        """Return the separator by which a line is a row below this header; None if it is not one.
+
+        A row has as many cells as the header, and all cells that are not empty are numbers, or half
+        of those in the columns with wanted names. With the separator of the header it may have
+        another number of cells, and is then malformed.
+        """
+        others = [separator for separator in SEPARATORS if separator != self.separator]
+        for separator in (self.separator, *others):
+            cells = split_cells(line, separator)
+            has_all = len(cells) >= len(self.columns) >= len(drop_empty_end(cells))
+            if has_all and (_has_only_numbers(cells) or self._has_numbers(cells)):
+                return separator
+        if self._has_numbers(split_cells(line, self.separator)):
+            return self.separator
+        return None
+
+    def count_needed_cells(self, line: str, separator: str) -> int:
+        """Return the number of cells that rows must have, if a line is the first of them.
+
+        This is the number of columns, unless the line lacks only columns without a wanted name.
+        """
+        count = len(split_cells(line, separator))
+        lacks_wanted = any(index >= count for index in self.wanted)
+        return len(self.columns) if lacks_wanted else min(count, len(self.columns))
+
+    def _has_numbers(self, cells: Sequence[str]) -> bool:
+        """Return whether half of the cells in the columns with wanted names are numbers."""
+        count = 0
+        for index in self.wanted:
+            if index < len(cells):
+                count += _is_number_or_time(cells[index])
+        return 0 < len(self.wanted) <= 2 * count
+
+
+class HeaderSearch:
+    """A search for the header of a table in its first lines.
+
+    The header is the line that has most of the wanted names, and no numbers. Lines before it are a
+    preamble: comments, or descriptions that an instrument or a program has written. A row of units
+    may follow the header. It is found when the first row of numbers is: a live stream is then
+    answered from its first row on.
+
+    Parameters
+    ----------
+    name : str
+        Name of the table, for messages.
+    is_wanted : callable
+        Whether a column has a wanted name.
+    """
+
+    def __init__(self, name: str, is_wanted: IsWanted) -> None:
+        self.name = name
+        self.is_wanted = is_wanted
+        self.separators: tuple[str, ...] = SEPARATORS
+        self.lines: list[str] = []
+        self.candidates: list[_Candidate] = []
+        self.rows_without_header = 0
+        self.found: _Candidate | None = None
+        self.notes: list[str] = []  #: Sentences about units that are not known.
+
+    def add(self, line: str) -> Header | None:
+        """Add the next line, and return the header as soon as it is known."""
+        named = parse_separator_line(line) if not self.lines else None
+        if named in SEPARATORS:
+            self.separators = (named,)
+            return None
+        self.lines.append(line)
+        is_comment = find_comment_text(line) is not None
+        if not is_comment:
+            for candidate in self._rank_candidates():
+                separator = candidate.find_row_separator(line)
+                if separator is not None:
+                    needed = candidate.count_needed_cells(line, separator)
+                    return self._make_header(candidate, separator, needed)
+            if self._is_row_of_numbers(line):
+                self.rows_without_header += 1
+        possible_header = self._make_candidate(line)
+        if possible_header is not None:
+            self.candidates.append(possible_header)
+        waits = self.candidates or self.rows_without_header < ROWS_WITHOUT_HEADER
+        return None if waits and len(self.lines) < MAX_PREAMBLE else self.finish()
+
+    def is_surpassed_by(self, line: str) -> bool:
+        """Return whether a line below the header has more of the wanted names than the header."""
+        candidate = self._make_candidate(line)
+        if candidate is None or self.found is None:
+            return False
+        return len(candidate.wanted) > len(self.found.wanted)
+
+    def finish(self) -> Header:
+        """Return the most likely header of a table that has no row of numbers.
+
+        If no line has a wanted name, it is the last line before the first row of numbers.
+        """
+        for candidate in self._rank_candidates():
+            return self._make_header(candidate, candidate.separator, len(candidate.columns))
+        header_line = self._find_line_before_numbers()
+        if header_line is None:
+            return Header((), ",", needed=0)
+        separator = max(self.separators, key=lambda each: len(split_cells(header_line, each)))
+        index = self.lines.index(header_line)
+        columns = _parse_columns(split_cells(header_line, separator))
+        candidate = _Candidate(columns, separator, wanted=(), lines_before=index)
+        return self._make_header(candidate, separator, len(columns))
+
+    def _rank_candidates(self) -> list[_Candidate]:
+        """Return the candidates, those with most wanted names first, and later ones before."""
+        return sorted(reversed(self.candidates), key=lambda each: -len(each.wanted))
+
+    def _make_candidate(self, line: str) -> _Candidate | None:
+        """Make a candidate for the header from a line; return None if it cannot be one."""
+        text = find_comment_text(line)
+        text = line if text is None else text
+        best: _Candidate | None = None
+        for separator in self.separators:
+            columns = _parse_columns(split_cells(text, separator))
+            wanted = [i for i, column in enumerate(columns) if self.is_wanted(column)]
+            others = [column for column in columns if not self.is_wanted(column)]
+            if any(has_number(column.heading) for column in others):
+                continue
+            if len(columns) == 1 and "," in self.separators:
+                separator = ","
+            if wanted and (best is None or len(wanted) > len(best.wanted)):
+                best = _Candidate(columns, separator, tuple(wanted), len(self.lines) - 1)
+        return best
+
+    def _make_header(self, candidate: _Candidate, separator: str, needed: int) -> Header:
+        """Return a candidate as the header, with the units in a row below it.
+
+        Only the lines of rows are kept.
+
+        Parameters
+        ----------
+        candidate : _Candidate
+            The header without units.
+        separator : str
+            Separator of the rows.
+        needed : int
+            Number of cells that a row must have.
+        """
+        columns = candidate.columns
+        self.found = candidate
+        below = self.lines[candidate.lines_before + 1 :]
+        rows = [line for line in below if not _RULE.fullmatch(line)]
+        for index, line in enumerate(rows):
+            cells = split_cells(line, separator)
+            units = None if any(map(has_number, cells)) else parse_unit_row(cells)
+            if units is not None and len(units) >= len(columns) // 2:
+                self.notes += _describe_unknown_units(columns, cells, units)
+                columns = add_units(columns, units, self.name)
+                del rows[index]
+                break
+        self.lines = rows
+        return Header(columns, separator, needed)
+
+    def _is_row_of_numbers(self, line: str) -> bool:
+        """Return whether a line has only numbers, for any of the separators."""
+        splits = [split_cells(line, separator) for separator in self.separators]
+        return any(_has_only_numbers(cells) for cells in splits)
+
+    def _find_line_before_numbers(self) -> str | None:
+        """Return the last line before the first row of numbers, or the first line of all."""
+        previous = None
+        for line in self._list_uncommented_lines():
+            if previous is not None and self._is_row_of_numbers(line):
+                return previous
+            previous = line
+        return next(self._list_uncommented_lines(), None)
+
+    def _list_uncommented_lines(self) -> Iterator[str]:
+        """Yield the lines that are not comments."""
+        for line in self.lines:
+            if find_comment_text(line) is None:
+                yield line
+
+
+def _describe_unknown_units(
+    columns: Sequence[Column], cells: Sequence[str], units: Sequence[Unit | None]
+) -> Iterator[str]:
+    """Yield a note for each cell of a row of units that is not a known unit.
+
+    Parameters
+    ----------
+    columns : sequence of Column
+        Columns of the header.
+    cells : sequence of str
+        Cells of the row.
+    units : sequence of Unit or None
+        The units in the cells.
+    """
+    for column, cell, unit in zip(columns, cells, units, strict=False):
+        if cell.strip() and unit is None:
+            yield f"column {column.heading}: the unit {cell.strip()[:MAX_QUOTED]!r} is not known"
+
+
+def _has_only_numbers(cells: Sequence[str]) -> bool:
+    """Return whether all cells that are not empty are numbers or times, and at least one is."""
+    given = [cell for cell in cells if cell.strip()]
+    return bool(given) and all(_is_number_or_time(cell) for cell in given)
+
+
+def _is_number_or_time(cell: str) -> bool:
+    """Return whether a cell has a number, a word in place of a number, a date or a time."""
+    return has_number(cell) or is_clock_time(cell)
+
+
+def _parse_columns(cells: list[str]) -> tuple[Column, ...]:
+    """Return the columns of a header.
+
+    Empty headings at its end are left out. If the separator is a blank, a unit that follows a name
+    is a cell of its own; it is joined to the heading before it.
+    """
+    headings: list[str] = []
+    for cell in drop_empty_end(cells):
+        heading = cell.strip(" \t\0\ufeff")  # a device that starts may send a null byte
+        if headings and heading.startswith(("(", "[")) and parse_heading(f"x {heading}").unit:
+            headings[-1] = f"{headings[-1]} {heading}"
+        else:
+            headings.append(heading)
+    return tuple(parse_heading(heading) for heading in headings)

@@ -1,0 +1,156 @@
+"""Times of rows in s: from numbers with a unit, dates and times of day, or seconds since 1970."""
+
+from __future__ import annotations
+
+import math
+import re
+from datetime import date
+from typing import NamedTuple
+
+from pvdf_fem.readings.text.numbers import MAX_QUOTED, CellError, NumberReader, read_word
+
+#: Names of columns of times, without a unit, in lower case. Those in front are preferred.
+TIME_NAMES = (
+    *("t", "time", "times", "timestamp", "timestamps", "time stamp", "time_stamp", "datetime"),
+    *("date time", "date_time", "date/time", "elapsed", "elapsed time", "elapsed_time", "zeit"),
+    *("x_value", "date"),
+)
+#: Smallest of the years with two digits that are in the 20th century, as POSIX has it.
+FIRST_YEAR_OF_CENTURY = 69
+SECONDS_PER_DAY = 86400.0
+
+_TIME_OF_DAY = (
+    r"(?P<hour>[0-9]{1,2}):(?P<minute>[0-9]{2})(?::(?P<second>[0-9]{2})(?P<fraction>[.,:][0-9]+)?)?"
+    r"\s*(?P<half>[AaPp][Mm])?\s*(?P<zone>[Zz]|UTC|[+-][0-9]{2}:?[0-9]{2})?"
+)
+_DATE = r"(?P<date>[0-9]{1,4}(?P<mark>[-./])[0-9]{1,2}(?P=mark)(?:[0-9]{4}|[0-9]{1,2}))"
+_CLOCK_TIME = re.compile(rf"{_DATE}?(?:(?:^|[Tt]|\s+){_TIME_OF_DAY})?")
+#: The smallest numbers of clocks that count from 1970, for 2001, with the unit of the count in s.
+_UNIX_UNITS_S = ((1e18, 1e-9), (1e15, 1e-6), (1e12, 1e-3), (1e9, 1.0))
+
+
+def is_clock_time(cell: str) -> bool:
+    """Return whether a cell has a date, a time of day, or both."""
+    text = cell.strip()
+    return bool(text) and _CLOCK_TIME.fullmatch(text) is not None
+
+
+class UnixTimes:
+    """A reader of times that are counted from 1970, which returns times since the first one.
+
+    The unit is the one in which the first number is a date since 2001. Integers keep all digits.
+    """
+
+    def __init__(self, numbers: NumberReader) -> None:
+        self.numbers = numbers
+        self.first: float | None = None
+        self.unit_s = 1.0
+
+    def read(self, cell: str) -> float:
+        """Return the time in a cell in s since the first one; NaN if it is missing."""
+        text = cell.strip()
+        value: float = int(text) if text.isdecimal() else self.numbers.read(text)
+        if not math.isfinite(value):
+            return math.nan
+        if self.first is None:
+            self.unit_s = find_unix_unit(value) or 1.0
+            self.first = value
+        return self.unit_s * (value - self.first)
+
+
+def find_unix_unit(value: float) -> float | None:
+    """Return the unit in s in which a number, counted from 1970, is a date since 2001; or None."""
+    for smallest, unit_s in _UNIX_UNITS_S:
+        if smallest <= value < 1e2 * smallest:
+            return unit_s
+    return None
+
+
+class ClockTimes:
+    """A reader of dates and times of day, which returns the times since the first one in s.
+
+    Dates are written year first, or as day.month.year. Where slashes or hyphens separate a day and
+    a month in front of a year, one of them must be above 12 to tell them apart. Times of day
+    without a date continue after midnight.
+    """
+
+    def __init__(self) -> None:
+        self.first: _Moment | None = None
+        self.last_s = 0.0
+        self.days = 0  #: Number of days, or of midnights since the first time without a date.
+
+    def read(self, cell: str) -> float:
+        """Return the time in a cell in s since the first one; NaN if it is missing."""
+        text = cell.strip()
+        match = _CLOCK_TIME.fullmatch(text)
+        if not text or match is None:
+            if read_word(text) is not None:
+                return math.nan
+            raise CellError(f"{text[:MAX_QUOTED]!r} is not a time; write it as the rows before")
+        time_s = _read_time_of_day(match)
+        if match["date"]:
+            self.days = _count_days(match["date"], match["mark"])
+        elif time_s < self.last_s - SECONDS_PER_DAY / 2.0:
+            self.days += 1
+        self.last_s = time_s
+        if self.first is None:
+            self.first = _Moment(self.days, time_s)
+        days = self.days - self.first.day
+        # The last digits are those of a time of day, not of the binary difference.
+        return round(SECONDS_PER_DAY * days + (time_s - self.first.time_s), 9)
+
+
+class _Moment(NamedTuple):
+    """A day and a time of day, kept apart since a double has not enough digits for both."""
+
+    day: int
+    time_s: float
+
+
+def _read_time_of_day(match: re.Match[str]) -> float:
+    """Return the time of day in s, in UTC if the cell has a time zone."""
+    if match["hour"] is None:
+        return 0.0
+    hours = int(match["hour"])
+    if match["half"]:
+        hours = hours % 12 + (12 if match["half"].lower() == "pm" else 0)
+    seconds = float(match["second"] or 0.0)
+    if match["fraction"]:
+        seconds += float(f"0.{match['fraction'][1:]}")
+    offset_min = 0
+    zone = match["zone"] or ""
+    if zone[:1] in ("+", "-"):
+        digits = zone[1:].replace(":", "")
+        offset_min = int(f"{zone[0]}1") * (60 * int(digits[:2]) + int(digits[2:]))
+    return 3600.0 * hours + 60.0 * (int(match["minute"]) - offset_min) + seconds
+
+
+def _count_days(text: str, mark: str) -> int:
+    """Return the number of days until a date; raise `CellError` if day and month may be exchanged.
+
+    Parameters
+    ----------
+    text : str
+        Three numbers.
+    mark : str
+        The character between them.
+    """
+    first, second, third = (int(part) for part in text.split(mark))
+    if len(text.partition(mark)[0]) == 4:
+        year, month, day = first, second, third
+    elif mark == "." or first > 12:
+        day, month, year = first, second, third
+    elif second > 12:
+        month, day, year = first, second, third
+    elif first == second:
+        day, month, year = first, second, third
+    else:
+        raise CellError(
+            f"{text} has a day and a month, which may be exchanged; write the date as YYYY-MM-DD"
+        )
+    if year < 100:
+        year += 2000 if year < FIRST_YEAR_OF_CENTURY else 1900
+    try:
+        return date(year, month, day).toordinal()
+    except ValueError:
+        raise CellError(f"{text} is not a date; write the date as YYYY-MM-DD") from None
