@@ -27,6 +27,7 @@ REPORTS: dict[str, tuple[str, ...]] = {
     "accuracy": ("--processes", "1"),
     "stability": (),
     "locating": (),
+    "tracking": ("--processes", "1"),
     "design": (),
 }
 

@@ -22,7 +22,7 @@ ORDER = """
 root readings scene mesh film problem electrodes view solver dynamics batch surrogate inverse
 studies report explore cli door
 """
-ORDER_OF_REPORTS = "reference accuracy thesis locating design stability gallery guide"
+ORDER_OF_REPORTS = "reference accuracy thesis locating tracking design stability gallery guide"
 LIBRARY = [f"pvdf_fem.{name}" for name in ORDER.split()]
 REPORTS = [*LIBRARY, *(f"reports.{name}" for name in ORDER_OF_REPORTS.split()), "reports"]
 # `reports.reference` checks the rest, so it shares none of its code.

@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.inverse.tracking.charges.charge_record import ChargeRecord
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
-from pvdf_fem.inverse.tracking.contact_problem import CandidateTouches, ContactProblem
-from pvdf_fem.inverse.tracking.force_curve import ForceCurve
+from pvdf_fem.inverse.tracking.problem.contact_problem import CandidateTouches, ContactProblem
+from pvdf_fem.inverse.tracking.problem.force_curve import ForceCurve
 from pvdf_fem.inverse.tracking.signal.baseline import BaselineSnapshot
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.surrogate.touch_domain import TouchColumn
+
+#: Number of samples after which the errors of an explained contact are checked again.
+LOST_CHECK_SAMPLES = 32
+#: The noise of a contact is larger than that of the baseline if the reduced chi-square of its samples
+#: exceeds this number, with so many degrees of freedom. One sample adds at most `MAX_CHI_SQUARE`.
+MIN_NOISE_RATIO = 2.0
+MIN_DEGREES_OF_FREEDOM = 60
+MAX_CHI_SQUARE = 1e4
+#: Number of samples after which steps of single channels are looked for again.
+STEP_CHECK_SAMPLES = 8
 
 
 class ContactLocator:
@@ -40,6 +51,8 @@ class ContactLocator:
         self.impulse_N_s = 0.0  #: Integral of the force over time, from the first location on.
         #: Whether too few channels were measured at the peak; set by `relocate`.
         self.is_peak_undetermined = False
+        self._chi_square_sum = 0.0  # Of all samples since the first location.
+        self._freedom_sum = 0  # Their degrees of freedom.
         self._curve: ForceCurve | None = None
         self._next_attempt = float(self.options.min_location_samples)
 
@@ -61,13 +74,15 @@ class ContactLocator:
             guess = self.coordinates[TouchColumn.FORCE]
             fitted = self._curve.fit(sample, guess)
             self.chi_square = fitted.chi_square
+            self._chi_square_sum += min(fitted.chi_square, MAX_CHI_SQUARE)
+            self._freedom_sum += fitted.degrees_of_freedom
             if not math.isnan(fitted.log_force):
                 self.coordinates[TouchColumn.FORCE] = fitted.log_force
                 self.impulse_N_s += step_s * math.exp(fitted.log_force)
 
     def _try_to_locate(self, record: ChargeRecord) -> None:
         """Locate the contact from the peak of its charges, if they are significant."""
-        peak = record.compute_peak()
+        peak = self._compute_peak(record)
         if peak.significance <= self.options.min_significance:
             return
         self._next_attempt = (1.0 + self.options.relocation_growth) * len(record)
@@ -79,13 +94,32 @@ class ContactLocator:
         elif self.candidates is None:
             self._next_attempt = (1.0 + self.options.retry_growth) * len(record)
 
+    def _compute_peak(self, record: ChargeRecord) -> ChargeSample:
+        """Compute the charges at the peak of a record, with the noise that its samples have.
+
+        Hum that has begun, or another disturbance, shows in the chi-square of all samples. Their
+        noise variance is then enlarged by the reduced chi-square.
+        """
+        peak = record.compute_peak()
+        if self._freedom_sum < MIN_DEGREES_OF_FREEDOM:
+            return peak
+        ratio = self._chi_square_sum / self._freedom_sum
+        if ratio < MIN_NOISE_RATIO:
+            return peak
+        return replace(
+            peak,
+            noise_variance=np.where(
+                peak.is_measured, ratio * peak.noise_variance, peak.noise_variance
+            ),
+        )
+
     def relocate(self, record: ChargeRecord) -> None:
         """Replace the candidates by those for the peak of the record; None if there are none.
 
         If too many channels were clipped at the peak, the candidates from before it stay.
         `coordinates`, `chi_square` and `impulse_N_s` are not changed.
         """
-        peak = record.compute_peak()
+        peak = self._compute_peak(record)
         self.is_peak_undetermined = not self.problem.is_determined_by(peak)
         if self.is_peak_undetermined and peak.is_clipped.any():
             return
@@ -127,6 +161,7 @@ class Contact:
         self.locator = ContactLocator(problem)
         #: Whether the contact was already there when the readings came back after a pause.
         self.begins_in_pause = False
+        self.was_only_a_step = False  #: Whether nothing but the offset of a channel has changed.
         #: Channels that were clipped, or had no reading, in some samples, shape (electrodes,).
         self.was_clipped = np.zeros(len(residual), dtype=bool)
         self.was_missing = ~is_settled
@@ -175,11 +210,39 @@ class Contact:
         self.locator.update(record, sample, step_s)
         return sample
 
+    def mark_clipped(self, number: int, count: int) -> None:
+        """Let the last voltages of a channel count as clipped, which have just been found to be.
+
+        Parameters
+        ----------
+        number : int
+            Number of the channel.
+        count : int
+            Number of samples.
+        """
+        self.was_clipped[number] = True
+        self.record.mark_clipped(number, count)
+
     def exclude_channel(self, number: int) -> None:
         """Count a channel as missing in all samples, also in those before."""
         self.is_settled[number] = False
         self.was_missing[number] = True
         self.record.exclude_channel(number)
+
+    def find_stepped_channel(self) -> int | None:
+        """Return the channel whose voltage alone has stepped, or None; it is looked for rarely."""
+        if len(self.record) % STEP_CHECK_SAMPLES:
+            return None
+        return self.record.find_stepped_channel()
+
+    def exclude_stepped_channel(self, number: int) -> None:
+        """Exclude a channel, and note whether the other channels have charges."""
+        self.exclude_channel(number)
+        largest = self.record.largest
+        has_charges = largest and largest.significance > self.options.min_significance
+        if not has_charges:
+            self.was_only_a_step = True
+            self.locator.candidates = None
 
     @property
     def duration_s(self) -> float:
@@ -191,6 +254,13 @@ class Contact:
         """Whether a touch explains the charges."""
         candidates = self.locator.candidates
         return candidates is not None and candidates.is_explained
+
+    @property
+    def may_be_over(self) -> bool:
+        """Whether no touch explains the charges, or only a small part of the largest is left."""
+        if not self.is_explained:
+            return True
+        return self.record.remaining_fraction < self.options.max_residual_fraction
 
     @property
     def peak_time_s(self) -> float:
@@ -225,22 +295,19 @@ class Contact:
 
     @property
     def is_lost(self) -> bool:
-        """Whether a long contact is still not explained, or its errors exceed the allowed fraction.
+        """Whether the errors of a long contact exceed the allowed fraction of its charges.
 
-        A contact that no touch explains is long after `TrackOptions.patience_s`, and one that is
-        explained after `TrackOptions.memory_s`.
+        A contact is long after `TrackOptions.memory_s`.
         """
-        if not self.is_explained:
-            return self.duration_s > self.options.patience_s
-        if self.duration_s <= self.options.memory_s:
+        is_due = len(self.record) % LOST_CHECK_SAMPLES == 0
+        if not is_due or self.duration_s <= self.options.memory_s:
             return False
         return self.record.relative_error > self.options.max_relative_error
 
     def close(self) -> None:
         """Subtract the drift from the charges of a contact that has ended, and locate it again.
 
-        Call it only after `ChargeRecord.detect_end` has returned True. The contact may then have no
-        candidates.
+        The contact may then have no candidates.
         """
         self.record.subtract_drift()
         self.locator.relocate(self.record)

@@ -128,8 +128,9 @@ class ContactDetector:
         """
         threshold = self._get_threshold(noise_count)
         newest = self._sums[-1]
+        count = len(self)
         for window in self.windows:
-            if window > len(self) or self._number % max(window // 4, 1):
+            if window > count or (window > 4 and self._number % (window // 4)):
                 break
             earlier = self._sums[-1 - window]
             statistic = 0.0
@@ -140,7 +141,7 @@ class ContactDetector:
                 statistic += total * total / (window * (1.0 + window * (error * error + drift)))
             if statistic > threshold:
                 return True
-        if self._number % self.longest_window == 0 and len(self) >= self.longest_window:
+        if self._number % self.longest_window == 0 and count >= self.longest_window:
             self._update_drift(errors)
         return False
 

@@ -9,7 +9,7 @@ import numpy as np
 from pvdf_fem.inverse.tracking.contact_detector import ContactDetector, VoltageSample
 from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
-from pvdf_fem.inverse.tracking.signal.reading_filter import FilteredSample
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 
 #: Touches in a pause have left voltages if the first sample after it deviates from the baseline by
 #: more standard deviations.

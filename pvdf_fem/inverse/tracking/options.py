@@ -47,9 +47,11 @@ class TrackOptions:
     max_residual_fraction: float = 0.1
     #: Number of samples after which a contact may end though its charges never exceeded the noise.
     patience_samples: int = 100
-    #: Time after which a contact that no touch explains is given up, and the baseline is learned
-    #: again.
-    patience_s: float = 2.0
+    #: A channel has stepped if only its charge is left at the end: more than this number of standard
+    #: deviations and this fraction of the largest charges. Those of the others are negligible, or
+    #: within three deviations.
+    min_step_deviations: float = 20.0
+    min_step_fraction: float = 0.05
     #: A contact is lost if all readings are missing for longer than this time, and than this
     #: fraction of its duration so far.
     max_pause_s: float = 0.25

@@ -9,9 +9,9 @@ from dataclasses import fields
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.contact_detector import VoltageSample
-from pvdf_fem.inverse.tracking.contact_problem import CandidateTouches, ContactProblem
+from pvdf_fem.inverse.tracking.problem.contact_problem import CandidateTouches, ContactProblem
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
-from pvdf_fem.inverse.tracking.signal.reading_filter import FilteredSample
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 from pvdf_fem.surrogate.charge_function import find_rotation_period_deg
 from pvdf_fem.surrogate.touch_domain import TouchColumn
 
@@ -90,7 +90,9 @@ class ResultBuilder:
 
     def list_missing(self, sample: FilteredSample | VoltageSample) -> str:
         """Return the names of the channels without a reading, separated by spaces."""
-        return self._join_names([voltage != voltage for voltage in sample.voltages])  # NaN
+        if not math.isnan(sum(sample.voltages)):
+            return ""
+        return self._join_names(list(map(math.isnan, sample.voltages)))
 
     def make_row_without_readings(self, time_s: float, before: TrackRow) -> TrackRow:
         """Make the row of a sample in which all readings are missing, after another row."""
@@ -112,7 +114,7 @@ class ResultBuilder:
         """
         locator = contact.locator
         missing = self.list_missing(sample)
-        clipped = self._join_names(sample.is_clipped)
+        clipped = self._join_names(sample.is_clipped) if any(sample.is_clipped) else ""
         if locator.candidates is None:
             return TrackRow(
                 sample.time_s,
@@ -162,7 +164,8 @@ class ResultBuilder:
             Names of the channels without a reading, and of clipped ones, in this sample.
         """
         problem = self._problem
-        x_mm, y_mm, rotation_deg, force_N = problem.to_touches(coordinates[None])[0].tolist()
+        x_mm, y_mm, rotation_deg = candidates.likeliest_pose
+        force_N = math.exp(coordinates[TouchColumn.FORCE])
         x_deviation, y_deviation, rotation_deviation, log_deviation = candidates.deviations.tolist()
         lowest_N, highest_N = problem.response.domain.force_N
         if not candidates.is_explained:

@@ -10,7 +10,7 @@ import numpy as np
 from pvdf_fem.electrodes.channel import Channel
 from pvdf_fem.electrodes.misreadings import Misreading, list_misreadings
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
-from pvdf_fem.inverse.tracking.contact_problem import ContactProblem
+from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
 
 #: Number of touches that are tested for mistakes in their readings.
 MAX_TESTED = 4

@@ -15,30 +15,30 @@ from dataclasses import replace
 
 import numpy as np
 
-from pvdf_fem.electrodes.channel import find_unit_errors, get_reading_unit, make_channels
-from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE, get_scene_quantities
-from pvdf_fem.inverse.touch.measurement import get_centre_mm
-from pvdf_fem.inverse.touch.validation import find_quantity_errors
+from pvdf_fem.electrodes.channel import get_reading_unit, make_channels
+from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.contact_detector import VoltageSample
-from pvdf_fem.inverse.tracking.contact_problem import ContactProblem
 from pvdf_fem.inverse.tracking.contact_watch import ContactWatch
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
+from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
+from pvdf_fem.inverse.tracking.problem.fixed_quantities import resolve_fixed_quantities
 from pvdf_fem.inverse.tracking.reading_input import ReadingInput
 from pvdf_fem.inverse.tracking.result_builder import ResultBuilder
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
-from pvdf_fem.inverse.tracking.signal.reading_filter import FilteredSample, Validity
+from pvdf_fem.inverse.tracking.signal.reading_filter import Validity
 from pvdf_fem.inverse.tracking.signal.settling import SettledSamples, Settling
 from pvdf_fem.inverse.tracking.signal.signal_chain import MIN_PAUSE_INTERVALS, SignalChain
 from pvdf_fem.inverse.tracking.stream_diagnosis import MAX_TESTED, find_misreading
+from pvdf_fem.inverse.tracking.stream_notes import StreamNotes
 from pvdf_fem.scene.arguments import Names, as_response, coerce
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.surrogate.charge_function import ChargeFunction
-from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 
 
 class Tracker:
@@ -91,27 +91,7 @@ class Tracker:
         self.response = as_response(response)
         scene = self.response.scene
         unknown = coerce("unknown", unknown, Names)
-        scene_values = get_scene_quantities(scene)
-        origin = (*get_centre_mm(scene), 0.0, 0.0)
-        errors = list(
-            find_quantity_errors(
-                response.domain,
-                unknown,
-                known={},
-                default=scene_values,
-                centre_mm=origin[: TouchColumn.ROTATION],
-            )
-        )
-        if "force_N" not in unknown:
-            errors.append("unknown: force_N is missing; add it, it is always unknown")
-        errors += find_unit_errors(scene, unit)
-        if errors:
-            raise ValueError("\n".join(errors))
-        # Coordinates of the contact problem are relative to the film's centre.
-        fixed = {}
-        for index, name in enumerate(TOUCH_QUANTITIES):
-            if name not in unknown:
-                fixed[index] = scene_values[name] - origin[index]
+        fixed = resolve_fixed_quantities(self.response, unknown, unit)
 
         self.touches: list[TouchSummary] = []
         self._options = options
@@ -134,13 +114,13 @@ class Tracker:
         self._settling: Settling | None = self._make_settling()
         self._watch: ContactWatch | None = None
         self._contact: Contact | None = None
+        self._relearning: Settling | None = None  # During a contact that may be over.
         self._settled_at_s = math.nan
         self._row = TrackRow(math.nan, TrackStatus.SETTLING)
-        self._notes: list[str] = []
+        self._notes = StreamNotes()
         self._unexplained_peaks: list[ChargeSample] = []
-        self._faint_count = 0  # Number of contacts whose charges stayed within their errors.
 
-    def _make_settling(self) -> Settling:
+    def _make_settling(self, *, expects_residual: bool = False) -> Settling:
         """Make an empty collection of samples from which the baseline is learned."""
         hum = self._signal.hum
         return Settling(
@@ -148,20 +128,13 @@ class Tracker:
             None if hum.is_learned else hum,
             duration_s=self._settling_s,
             min_noise_V=self._options.min_noise_V,
-            expects_residual=bool(self.touches),
+            expects_residual=expects_residual,
         )
 
     @property
     def notes(self) -> list[str]:
         """Sentences about faults of the readings that were found and repaired, each once."""
-        signal = self._signal
-        notes = [*signal.clock.notes, *signal.hum.notes, *signal.filter.describe(self._names)]
-        if self._faint_count:
-            notes.append(
-                f"{self._faint_count} disturbances stayed within the errors of their charges, and "
-                f"are not reported as touches"
-            )
-        return [*notes, *self._notes]
+        return [*self._signal.describe(self._names), *self._notes.sentences]
 
     @property
     def settling_ends_s(self) -> float:
@@ -221,9 +194,7 @@ class Tracker:
         for sample in self._signal.flush():
             self._process(sample)
         if self._contact:
-            if self._contact.is_significant:
-                number = len(self.touches) + 1
-                self._notes.append(f"touch {number} had not ended when the readings ended")
+            self._notes.add("a contact had not ended when the readings ended")
             self._finish_contact(self._contact, TrackStatus.LOST)
         if self._settling:
             self._finish_settling(self._settling)
@@ -292,22 +263,12 @@ class Tracker:
             end_s=end_s,
         )
         self.touches.append(touch)
-        self._notes.append(
-            f"the film was touched, or the readings drifted, from {begin_s:.3f} to {end_s:.3f} s "
-            f"while the baseline was learned: this is not located; keep the film free for "
-            f"{self._settling_s:g} s"
-        )
+        self._notes.add_touch_while_settling(begin_s, end_s, self._settling_s)
 
     def _finish_settling(self, settling: Settling) -> None:
         """Note that the baseline was not learned by the end of the stream."""
         self._report_touch_while_settling(settling.touched_from_s, self._row.t_s)
-        if math.isnan(settling.touched_from_s):
-            reason = f"fewer than readout.settling_s = {self._settling_s:g} s of readings"
-            advice = "give longer readings, or a smaller settling_s"
-        else:
-            reason = f"the readings were not steady after {settling.touched_from_s:.3f} s"
-            advice = "keep the film free at the start"
-        self._notes.append(f"the baseline was not learned: {reason}; {advice}")
+        self._notes.add_unsettled(settling.touched_from_s, self._settling_s)
 
     def _note_misreading(self) -> None:
         """Note which mistake in the readings explains the touches that were not located."""
@@ -316,7 +277,7 @@ class Tracker:
             return
         misreading = find_misreading(self._problem, self._channels, peaks, self._unit)
         if misreading:
-            self._notes.append(
+            self._notes.add(
                 f"touches could not be located, but could if {misreading.text}: {misreading.advice}"
             )
 
@@ -386,30 +347,61 @@ class Tracker:
             contact.record.note_pause(pause_s)
         self._exclude_channels_without_signal(contact)
         self._add_to_contact(sample, contact)
-        if contact.record.detect_end():
+        self._exclude_stepped_channel(contact)
+        if contact.was_only_a_step:
+            self._finish_contact(contact)
+            self._row = TrackRow(sample.time_s, TrackStatus.QUIET)
+        elif contact.record.detect_end():
             contact.close()
             self._finish_contact(contact)
             self._row = TrackRow(sample.time_s, TrackStatus.QUIET)
         elif contact.is_lost:
-            self._give_up_contact(contact)
+            self._finish_contact(contact, TrackStatus.LOST)
             self._row = TrackRow(sample.time_s, TrackStatus.LOST)
         else:
             self._update_contact_row(sample, contact)
+            self._relearn_baseline(sample, contact)
 
-    def _give_up_contact(self, contact: Contact) -> None:
-        """Finish a contact that is lost, and learn the baseline again if no touch explains it."""
-        if contact.is_explained:
-            self._finish_contact(contact, TrackStatus.LOST)
+    def _relearn_baseline(self, sample: FilteredSample, contact: Contact) -> None:
+        """Learn the baseline during a contact that may be over, and finish it when it is learned.
+
+        Charges may be left because resistances and offsets are not those of the scene. A touch that
+        no touch of the response explains and that is held becomes the baseline, too.
+
+        Parameters
+        ----------
+        sample : FilteredSample
+            The newest sample.
+        contact : Contact
+            Contact in progress.
+        """
+        if not contact.may_be_over or contact.duration_s < self._settling_s:
+            self._relearning = None
             return
-        self._finish_contact(contact)
-        # The readings of the unloaded film may have changed.
-        self._settling = self._make_settling()
-        self._signal.removes_spikes = False
+        if self._relearning is None:
+            self._relearning = self._make_settling(expects_residual=True)
+        settled = self._relearning.add(sample)
+        if settled:
+            if contact.is_explained:
+                contact.close()
+            self._finish_contact(contact)
+            self._row = TrackRow(sample.time_s, TrackStatus.QUIET)
+            self._begin_to_watch(settled)
+
+    def _exclude_stepped_channel(self, contact: Contact) -> None:
+        """Exclude a channel from a contact whose voltage has stepped, and learn its line again."""
+        number = contact.find_stepped_channel()
+        if number is None:
+            return
+        contact.exclude_stepped_channel(number)
+        self._baseline.channels[number].forget_line()
+        self._notes.step_counts[self._names[number]] += 1
 
     def _exclude_channels_without_signal(self, contact: Contact) -> None:
         """Exclude channels from a contact that froze in it, or have returned with another offset.
 
-        A channel that is found to be frozen has told wrong voltages for some samples already.
+        A channel that is found to be frozen or clipped has told wrong voltages for some samples
+        already.
 
         Parameters
         ----------
@@ -417,7 +409,11 @@ class Tracker:
             Contact in progress.
         """
         for number, channel in enumerate(self._baseline.channels):
-            is_frozen = self._signal.filter.channels[number].validity is Validity.FROZEN
+            channel_filter = self._signal.filter.channels[number]
+            unmarked_count = channel_filter.take_unmarked_count()
+            if unmarked_count:
+                contact.mark_clipped(number, unmarked_count)
+            is_frozen = channel_filter.validity is Validity.FROZEN
             if contact.is_settled[number] and (is_frozen or not channel.is_settled):
                 contact.exclude_channel(number)
 
@@ -440,9 +436,10 @@ class Tracker:
             if has_space and not contact.is_explained and not contact.was_clipped.any():
                 self._unexplained_peaks.append(contact.record.compute_peak())
         else:
-            self._faint_count += 1
+            self._notes.faint_count += 1
         times_s, voltages = contact.record.get_voltages_after_end()
         self._baseline.replace_residuals(times_s, voltages)
         self._contact = None
+        self._relearning = None
         if self._watch:
             self._watch.restart(float(times_s[-1]), self._signal.interval_s)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
-from pvdf_fem.inverse.tracking.contact_problem import ContactProblem
-from pvdf_fem.inverse.tracking.force_curve import ForceCurve
 from pvdf_fem.inverse.tracking.options import DEFAULTS
+from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
+from pvdf_fem.inverse.tracking.problem.force_curve import ForceCurve
 from pvdf_fem.surrogate.touch_domain import TouchColumn
 from tests.helpers.streams import Tap, compute_changes, make_sensor
 

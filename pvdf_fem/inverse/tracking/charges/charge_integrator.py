@@ -11,6 +11,8 @@ from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 MAX_CLIPPED_HEIGHT = 0.5
 #: Smallest standard deviation of this height in the mean over the time, as a fraction of the limit.
 CLIPPED_HEIGHT_DEVIATION = 0.1
+#: Steps that differ by less than this fraction have the same factors.
+STEP_TOLERANCE = 1e-6
 #: Time over which the slope of a voltage is averaged.
 SLOPE_TIME_S = 5e-3
 
@@ -45,8 +47,8 @@ class ChargeIntegrator:
         self.time_s = time_s
         #: Variance of the integral in pC² due to the noise of the voltages, shape (electrodes,).
         self.walk_variance = np.zeros_like(initial_voltages)
-        self._conductance_square = np.square(circuit.conductance)
         self._decay_rate = circuit.conductance / circuit.capacitance
+        self._is_complete = True  # Whether all voltages of the last sample were measured.
         self._has_resistance = bool(circuit.conductance.any())
         self._initial_voltages = initial_voltages
         self._voltages = initial_voltages  # The last measured voltage of each channel.
@@ -57,6 +59,9 @@ class ChargeIntegrator:
         # Charge in pC that arrived in each of the last three intervals, per second.
         self._rates = [np.zeros_like(initial_voltages)] * 3
         self._sampling_variance = 0.0
+        self._factors_step = 0.0  # Step for which the next two were computed.
+        self._noise_square = np.zeros_like(initial_voltages)
+        self._factor = np.zeros_like(initial_voltages)
 
     @property
     def sampling_variance(self) -> float:
@@ -86,9 +91,67 @@ class ChargeIntegrator:
         ndarray, shape (electrodes,)
             Charges in pC; limits of the true charges where voltages are clipped.
         """
-        circuit = self.circuit
         step = time_s - self.time_s
         is_measured = ~(np.isnan(voltages) | is_clipped)
+        if is_measured.all() and self._is_complete:
+            charges_pC = self._add_complete_sample(step, voltages, noise_V)
+        else:
+            charges_pC = self._add_incomplete_sample(
+                time_s, voltages, is_measured, is_clipped=is_clipped, noise_V=noise_V
+            )
+        self.time_s = time_s
+        self._is_complete = bool(is_measured.all())
+        return charges_pC
+
+    def _add_complete_sample(self, step: float, voltages: Array, noise_V: Array) -> Array:
+        """Add a sample in which all voltages are measured, after another such sample.
+
+        Parameters
+        ----------
+        step : float
+            Time since the last sample in s.
+        voltages, noise_V : ndarray, shape (electrodes,)
+            See `add`.
+        """
+        circuit = self.circuit
+        rise = voltages - self._voltages
+        self._slopes += min(step / SLOPE_TIME_S, 1.0) * (rise / step - self._slopes)
+        self._measured_at_s = np.full_like(voltages, self.time_s + step)
+        stored = circuit.capacitance * (voltages - self._initial_voltages)
+        if self._has_resistance:
+            area = step * (self._voltages + rise / 2.0)
+            arrived = circuit.capacitance * rise + circuit.conductance * area
+            self._add_sampling_variance(step, arrived / step, noise_V)
+            self.walk_variance = self.walk_variance + np.square(
+                circuit.conductance * noise_V * step
+            )
+            self._integral = self._integral + area
+            stored += circuit.conductance * (self._integral - step * rise / 12.0)
+        self._voltages = voltages
+        return stored
+
+    def _add_incomplete_sample(
+        self,
+        time_s: float,
+        voltages: Array,
+        is_measured: Mask,
+        *,
+        is_clipped: Mask,
+        noise_V: Array,
+    ) -> Array:
+        """Add a sample with missing or clipped voltages, or the first one after it.
+
+        Parameters
+        ----------
+        time_s : float
+            Time of the sample.
+        voltages, is_clipped, noise_V : ndarray, shape (electrodes,)
+            See `add`.
+        is_measured : ndarray of bool, shape (electrodes,)
+            Whether a voltage is neither missing nor clipped.
+        """
+        circuit = self.circuit
+        step = time_s - self.time_s
         waited = time_s - self._measured_at_s
         rise = np.where(is_measured, voltages - self._voltages, 0.0)
         area = np.where(is_measured, waited * (self._voltages + rise / 2.0), 0.0)
@@ -98,7 +161,7 @@ class ChargeIntegrator:
             excess, gap_area = self._estimate_gap_area(waited, rise)
             area = area + np.where(follows_gap, excess, 0.0)
             noise_area = noise_area + np.where(follows_gap, np.square(gap_area), 0.0)
-        self.walk_variance = self.walk_variance + self._conductance_square * noise_area
+        self.walk_variance = self.walk_variance + np.square(circuit.conductance) * noise_area
         self._integral = self._integral + area
         if self._has_resistance:
             arrived = circuit.capacitance * rise + circuit.conductance * area
@@ -110,7 +173,6 @@ class ChargeIntegrator:
         self._voltages = self._voltages + rise
         self._measured_at_s = np.where(is_measured, time_s, self._measured_at_s)
         self._was_clipped = np.where(is_measured, False, self._was_clipped | is_clipped)
-        self.time_s = time_s
         present = np.where(is_clipped, voltages, self._voltages)
         end_correction = np.where(is_measured, -waited * rise / 12.0, waited * present)
         stored = circuit.capacitance * (present - self._initial_voltages)
@@ -175,15 +237,30 @@ class ChargeIntegrator:
         contribution of the noise to these squares is subtracted. So the sum is unbiased, but may
         be negative for a while.
         """
-        circuit = self.circuit
-        half_x = np.maximum(step * self._decay_rate / 2.0, 1e-6)
+        noise_square, factor = self._compute_step_factors(step)
         _, before_last, last = self._rates
         self._rates = [before_last, last, rate]
         second_difference = step * (rate - 2.0 * last + before_last)
-        # A second difference of charges holds third differences of C V, with the squared binomial
-        # coefficients 1 + 9 + 9 + 1 = 20.
-        noise_square = self._conductance_square * step**2 + 20.0 * np.square(circuit.capacitance)
-        factor = (half_x / np.tanh(half_x) - 1.0) / 6.0
         excess = np.square(second_difference) - noise_square * np.square(noise_V)
-        is_known = ~np.isnan(excess)
-        self._sampling_variance += float(factor[is_known] @ excess[is_known])
+        self._sampling_variance += float(factor @ np.where(np.isnan(excess), 0.0, excess))
+
+    def _compute_step_factors(self, step: float) -> tuple[Array, Array]:
+        """Compute the factors of `_add_sampling_variance`, or return those of an equal step.
+
+        Returns
+        -------
+        noise_square : ndarray, shape (electrodes,)
+            Variance in pC² of a second difference of charges for a noise of 1 V.
+        factor : ndarray, shape (electrodes,)
+            (x/2 coth(x/2) - 1)/6.
+        """
+        if abs(step - self._factors_step) > STEP_TOLERANCE * step:
+            circuit = self.circuit
+            half_x = np.maximum(step * self._decay_rate / 2.0, 1e-6)
+            # A second difference of charges holds third differences of C V, with the squared
+            # binomial coefficients 1 + 9 + 9 + 1 = 20.
+            leaked = np.square(circuit.conductance * step)
+            self._noise_square = leaked + 20.0 * np.square(circuit.capacitance)
+            self._factor = (half_x / np.tanh(half_x) - 1.0) / 6.0
+            self._factors_step = step
+        return self._noise_square, self._factor

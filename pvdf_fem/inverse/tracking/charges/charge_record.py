@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pvdf_fem.arrays import Array, Mask
-from pvdf_fem.inverse.touch.touch import compute_chi_square_limit
 from pvdf_fem.inverse.tracking.charges.charge_integrator import ChargeIntegrator
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
+from pvdf_fem.inverse.tracking.charges.charge_tests import find_only_charge, is_within_noise
 from pvdf_fem.inverse.tracking.charges.drift_bridge import Bridge
 from pvdf_fem.inverse.tracking.charges.peak import compute_parabola_weights, smooth_charges
 from pvdf_fem.inverse.tracking.charges.sample_buffer import BufferedSamples, SampleBuffer
@@ -135,6 +135,13 @@ class ChargeRecord:
         return sample
 
     @property
+    def remaining_fraction(self) -> float:
+        """Size of the last charges as a fraction of the largest size."""
+        last = self._require(self.last)
+        size = float(np.linalg.norm(last.charges_pC))
+        return size / max(self._largest_size, math.ulp(0.0))
+
+    @property
     def is_peak_hidden(self) -> bool:
         """Whether the charges may have been largest during a pause of the readings."""
         return self._hidden_size > HIDDEN_PEAK_FACTOR * self._largest_size
@@ -159,17 +166,24 @@ class ChargeRecord:
         slope = max(float(sizes[-1] - sizes[0]), 0.0) / float(rows.time_s[-1] - rows.time_s[0])
         self._hidden_size = max(self._hidden_size, float(sizes[-1]) + slope * duration_s / 4.0)
 
-    def exclude_channel(self, number: int) -> None:
-        """Count the charges of a channel as missing in all samples so far.
+    def find_stepped_channel(self) -> int | None:
+        """Return the channel whose charge alone is left, as after a step of its offset, or None."""
+        options = self.options
+        count = max(options.min_still_samples, int(options.still_fraction * len(self._buffer)))
+        if len(self._buffer) < count:
+            return None
+        charges_pC, noise_variance = self._average_charges(-count, count)
+        last = self._require(self.last)
+        variance = noise_variance + last.walk_variance + np.square(last.drift_pC)
+        return find_only_charge(charges_pC, variance, self._largest_size, options)
 
-        Parameters
-        ----------
-        number : int
-            Number of the electrode.
-        """
-        rows = self._buffer.all_rows
-        rows.charges_pC[:, number] = 0.0
-        rows.noise_variance[:, number] = ChargeSample.MISSING
+    def mark_clipped(self, number: int, count: int) -> None:
+        """Let the charges of an electrode in the last `count` samples be limits."""
+        self._buffer.mark_clipped(number, count)
+
+    def exclude_channel(self, number: int) -> None:
+        """Count the charges of an electrode as missing in all samples so far."""
+        self._buffer.exclude_channel(number)
         self._kept_peak = self._kept_peak and self._kept_peak.without_channel(number)
         self.largest = self.largest and self.largest.without_channel(number)
         if self.largest:
@@ -277,7 +291,7 @@ class ChargeRecord:
         size_square = float(np.square(largest.charges_pC).sum())
         fraction = float(residual @ largest.charges_pC) / size_square if size_square else 0.0
         is_negligible = fraction < options.negligible_residual_fraction
-        is_still = _is_within_noise(change.difference, change.variance)
+        is_still = is_within_noise(change.difference, change.variance)
         if not is_still:
             limit = options.negligible_change_fraction**2 * size_square
             is_still = is_negligible and float(np.square(change.difference).sum()) < limit
@@ -285,17 +299,17 @@ class ChargeRecord:
             return False
         self.still_count = change.row_count
         variance = self.accumulated_variance + noise_variance
-        if _is_within_noise(residual, variance):
+        if is_within_noise(residual, variance):
             # Charges that have not exceeded their noise so far may still grow.
             rise = largest.charges_pC - residual
-            has_risen = not _is_within_noise(rise, variance + largest.noise_variance)
+            has_risen = not is_within_noise(rise, variance + largest.noise_variance)
             return has_risen or len(self) > options.patience_samples
         if is_negligible:
             return True
         if fraction > options.max_residual_fraction:
             return False
         longer = self._compare_last_rows(4.0 * options.still_fraction)
-        return longer is not None and _is_within_noise(longer.difference, longer.variance)
+        return longer is not None and is_within_noise(longer.difference, longer.variance)
 
     def _compare_last_rows(self, fraction: float) -> ChargeChange | None:
         """Compare the mean charges of the last rows with that of equally many rows before them.
@@ -365,7 +379,7 @@ class ChargeRecord:
         return rows.time_s, rows.voltages
 
     def subtract_drift(self) -> None:
-        """Subtract the drift from the charges of a contact that has ended, see `detect_end`.
+        """Subtract the drift from the charges of a contact that has ended.
 
         After the contact the charge must be zero, so that the measured residual is a drift. The
         errors of all samples are conditioned on this residual (Brownian bridge), and their
@@ -373,6 +387,8 @@ class ChargeRecord:
         becomes the last time at which the charges differed significantly from the residual, or the
         time of the first sample if they never did.
         """
+        # The baseline may have been learned again before the end was detected.
+        self.still_count = max(self.still_count, self.options.min_still_samples)
         residual, noise_variance = self._average_charges(-self.still_count, self.still_count)
         total = self.accumulated_variance + noise_variance
         self.end_s = self._find_end(residual, noise_variance)
@@ -432,9 +448,3 @@ class ChargeRecord:
             drift_pC=last.drift_pC,
             sampling_total=last.sampling_variance + others,
         )
-
-
-def _is_within_noise(difference: Array, variance: Array) -> bool:
-    """Test by chi-square whether a difference of charges is explained by its variance."""
-    statistic = np.square(difference) @ (1.0 / variance)
-    return bool(statistic < compute_chi_square_limit(len(difference)))

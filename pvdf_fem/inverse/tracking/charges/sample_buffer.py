@@ -94,11 +94,6 @@ class SampleBuffer:
         return is_last_row and self._partial_count == self.samples_per_row - 1
 
     @property
-    def all_rows(self) -> BufferedSamples:
-        """All rows, also the one that is not complete and those that are not filled yet."""
-        return self._rows
-
-    @property
     def rows(self) -> BufferedSamples:
         """The complete rows."""
         return self._rows.select(slice(self.row_count))
@@ -131,6 +126,26 @@ class SampleBuffer:
         if self.row_count == CAPACITY:
             self._halve()
         return True
+
+    def mark_clipped(self, number: int, count: int) -> None:
+        """Let the charges of an electrode in the last samples be limits.
+
+        Parameters
+        ----------
+        number : int
+            Number of the electrode.
+        count : int
+            Number of samples.
+        """
+        row_count = -(-count // self.samples_per_row)
+        last = self.rows.select(slice(-row_count, None))
+        last.is_clipped[:, number] = True
+        last.noise_variance[:, number] = ChargeSample.MISSING
+
+    def exclude_channel(self, number: int) -> None:
+        """Count the charges of an electrode as missing in all rows, also the incomplete one."""
+        self._rows.charges_pC[:, number] = 0.0
+        self._rows.noise_variance[:, number] = ChargeSample.MISSING
 
     def _set_row(self, index: int, sample: ChargeSample, voltages: Array) -> None:
         """Set a row to a sample and its voltages."""

@@ -9,6 +9,8 @@ from pvdf_fem.inverse.tracking.signal.decay_fit import DecayFit
 
 #: A channel takes part in the detection of contacts when its line holds this many samples.
 MIN_LINE_SAMPLES = 8
+#: After this number of memories, the gains of the filter are those of its memory.
+STEADY_MEMORIES = 2.5
 #: From this number of samples on, the errors of lines and residuals change slowly.
 MANY_SAMPLES = 64
 #: A level is known when its standard error is below this number of noise deviations.
@@ -258,9 +260,13 @@ class ChannelBaseline:
             self._slope = 0.0
             self.time_s = time_s
             return
-        pairs = count * (count + 1.0)
-        level_gain = max((4.0 * count - 2.0) / pairs, 2.0 / self.memory)
-        slope_gain = max(6.0 / pairs, 1.0 / self.memory**2)
+        if count > STEADY_MEMORIES * self.memory:
+            level_gain = 2.0 / self.memory
+            slope_gain = 1.0 / self.memory**2
+        else:
+            pairs = count * (count + 1.0)
+            level_gain = max((4.0 * count - 2.0) / pairs, 2.0 / self.memory)
+            slope_gain = max(6.0 / pairs, 1.0 / self.memory**2)
         step_s = time_s - self.time_s
         line = self._level + self._slope * step_s
         error = voltage - line
@@ -268,7 +274,7 @@ class ChannelBaseline:
             error -= self._correct_residual(time_s, error, level_gain)
         self._level = line + level_gain * error
         # Two samples with almost the same time must not turn noise into a slope.
-        self._slope += slope_gain * error / max(step_s, interval_s)
+        self._slope += slope_gain * error / (step_s if step_s > interval_s else interval_s)
         self.time_s = time_s
         if count > 2:
             self._update_noise(error)
@@ -331,11 +337,13 @@ class ChannelBaseline:
         # Variance of the prediction error of a line through count - 1 samples, divided by the
         # variance of the noise.
         ratio = count * (count + 1.0) / ((count - 1.0) * (count - 2.0))
-        weight = max(1.0 / max(self.noise_count - 2, 1), 1.0 / self.memory)
+        few = self.noise_count - 2
+        weight = 1.0 / self.memory if few > self.memory else 1.0 / max(few, 1)
         change = error * error / ratio - self.noise_variance
         self._set_noise_variance(self.noise_variance + weight * change)
 
     def _set_noise_variance(self, variance: float) -> None:
         """Set the noise variance, and the standard deviation that it gives."""
         self.noise_variance = variance
-        self.noise_V = max(math.sqrt(variance), self._min_noise_V)
+        noise_V = math.sqrt(variance)
+        self.noise_V = noise_V if noise_V > self._min_noise_V else self._min_noise_V

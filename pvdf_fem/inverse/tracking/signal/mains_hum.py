@@ -192,26 +192,45 @@ class MainsHum:
         ndarray, shape (electrodes,)
             Voltages in V; the same array if there is no hum.
         """
-        if not self._block_samples:
+        if not self._block_samples or not math.isfinite(time_s):
             return voltages
-        step_s = time_s - self._last_time_s
-        if not abs(step_s) <= self._max_step_s:
-            if not math.isfinite(time_s):
-                return voltages
-            self._skip_pause(time_s, step_s)
-        self._last_time_s = time_s
-        count = self._count
-        self._times_s[count] = time_s
-        self._voltages[count] = voltages
-        count += 1
-        self._count = count
+        self._follow_time(time_s)
         cleaned = voltages
         if self._rotations is not None:
             phase = self._phase_rad + self._angular_frequency * (time_s - self._phase_time_s)
             cleaned = voltages - (np.exp(phase * self._rotations) @ self._phasors).real
-        if count == self._block_samples:
-            self._finish_block()
+        self._store(time_s, voltages)
         return cleaned
+
+    def observe(self, time_s: float, voltages: Sequence[float]) -> None:
+        """Look for hum in the next sample while there is none to subtract.
+
+        Parameters
+        ----------
+        time_s : float
+            Time of the sample.
+        voltages : sequence of float
+            Voltages in V, NaN where they are missing.
+        """
+        if self._block_samples and math.isfinite(time_s):
+            self._follow_time(time_s)
+            self._store(time_s, voltages)
+
+    def _follow_time(self, time_s: float) -> None:
+        """Drop the present block if its next sample comes after a pause or a step back."""
+        step_s = time_s - self._last_time_s
+        if not abs(step_s) <= self._max_step_s:
+            self._skip_pause(time_s, step_s)
+        self._last_time_s = time_s
+
+    def _store(self, time_s: float, voltages: Sequence[float] | Array) -> None:
+        """Store a sample in the present block, and finish the block if it is full."""
+        count = self._count
+        self._times_s[count] = time_s
+        self._voltages[count] = voltages
+        self._count = count + 1
+        if self._count == self._block_samples:
+            self._finish_block()
 
     def predict(self, times_s: Array) -> Array:
         """Predict the hum that is subtracted at some times, such as those of the learnt block.

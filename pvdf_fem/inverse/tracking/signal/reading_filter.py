@@ -1,21 +1,27 @@
-"""Readings that are not values: missing, clipped, frozen, or single spikes."""
+"""Readings that are not values: missing, clipped, frozen, or spikes."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from enum import IntEnum, auto
-from typing import NamedTuple
 
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.channel_baseline import ChannelBaseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
+from pvdf_fem.inverse.tracking.signal.spike_filter import SpikeFilter
 
 #: Voltages beyond this magnitude in V are missing: no converter has such a range.
 MAX_VOLTAGE_V = 1e6
 #: A channel is frozen if so many equal readings are less likely than this by chance.
 FROZEN_PROBABILITY = 1e-9
 MIN_FROZEN_READINGS = 4  #: Fewer equal readings do not count as frozen.
+#: The same for equal readings at the extreme of a channel, which is then clipped.
+CLIPPED_PROBABILITY = 1e-6
+MIN_CLIPPED_READINGS = 3
+#: The same if the two changes before them were larger, in noise deviations or steps.
+MIN_ABRUPT_CHANGE = 8.0
 #: A channel whose noise is smaller than this number of its steps often repeats a reading, so that it
 #: is not found to be frozen.
 MIN_NOISE_STEPS = 2.0
@@ -23,14 +29,6 @@ MIN_NOISE_STEPS = 2.0
 EQUALITY_MEMORY = 4096
 #: A frozen channel is clipped if its voltage is further from the baseline, in noise deviations.
 MIN_CLIPPED_DEVIATIONS = 20.0
-#: A voltage that differs from the last by more noise deviations, or by a larger multiple of the
-#: recent differences, may be a spike. Steep flanks of touches are passed on by the multiple.
-SPIKE_DEVIATIONS = 10.0
-SPIKE_MULTIPLE = 6.0
-RECENT_DECAY = 0.8  #: Factor per sample by which recent differences are forgotten.
-#: Longest spike: this time in s, but at least `MIN_SPIKE_SAMPLES`.
-MAX_SPIKE_S = 5e-3
-MIN_SPIKE_SAMPLES = 4
 #: A channel without values for this time in s may return with another offset.
 MAX_OUTAGE_S = 0.1
 #: It returns with the same offset if it differs from its baseline by fewer noise deviations.
@@ -50,20 +48,6 @@ class Validity(IntEnum):
 OUTAGES = (Validity.MISSING, Validity.FROZEN)
 
 
-class FilteredSample(NamedTuple):
-    """Voltages of all channels at one instant; a list has an entry for each channel."""
-
-    time_s: float
-    voltages: list[float]  #: In V; NaN where they are missing.
-    is_clipped: list[bool]  #: Whether the voltage is only a limit of the true one.
-    follows_pause: bool = False  #: Whether readings or times were missing before this sample.
-
-    @property
-    def has_no_reading(self) -> bool:
-        """Whether all voltages are missing."""
-        return all(voltage != voltage for voltage in self.voltages)  # NaN
-
-
 class ChannelFilter:
     """Finds readings of one channel that are missing, clipped or frozen.
 
@@ -79,14 +63,18 @@ class ChannelFilter:
         # Rounding must not lift a clipped voltage over its limit.
         span_V = high_V - low_V
         margin_V = 1e-9 * span_V if math.isfinite(span_V) else 0.0
-        self._range = (low_V + margin_V, high_V - margin_V)
+        lowest_V = max(low_V + margin_V, -MAX_VOLTAGE_V)
+        self._range = (lowest_V, min(high_V - margin_V, MAX_VOLTAGE_V))
         self.low_V, self.high_V = self._range
         self._baseline = baseline
         self._last_V = math.nan
         self._min_V = math.inf
         self._max_V = -math.inf
+        self._last_step_V = math.inf  # Last difference of two readings in a row.
+        self._rise_V = math.inf  # Sum of the last two differences.
         self._step_V = math.inf  # Smallest difference of two readings in a row.
         self.repeat_count = 1  #: Number of equal readings in a row.
+        self.unmarked_count = 0  #: Readings at a new limit that were not marked as clipped.
         self._equal_count = 1.0
         self._reading_count = 2.0
         self.validity = Validity.VALUE  #: Validity of the last reading.
@@ -109,6 +97,8 @@ class ChannelFilter:
             step_V = abs(voltage - self._last_V)
             if step_V < self._step_V:
                 self._step_V = step_V
+            self._rise_V = step_V + self._last_step_V
+            self._last_step_V = step_V
             self._last_V = voltage
             if voltage > self._max_V:
                 self._max_V = voltage
@@ -137,7 +127,7 @@ class ChannelFilter:
         if voltage > self.high_V or voltage < self.low_V:
             # The learned limit was a frozen channel.
             self.low_V, self.high_V = self._range
-        if self._is_frozen():
+        if self._is_plateau():
             self._learn_limit(voltage)
         is_within_limits = self.low_V < voltage < self.high_V
         if not is_within_limits:
@@ -154,13 +144,37 @@ class ChannelFilter:
             self._reading_count /= 2.0
         self.repeat_count = 1
 
+    def _is_plateau(self) -> bool:
+        """Whether readings are equal although they were changing quickly just before.
+
+        The peak of a touch is reached slowly: three equal readings follow on small changes.
+        """
+        if self.repeat_count < MIN_CLIPPED_READINGS:
+            return False
+        resolution_V = max(self._step_V, self._baseline.noise_V)
+        if MIN_ABRUPT_CHANGE * resolution_V < self._rise_V < math.inf:
+            return True
+        return self._repeats_unlikely(CLIPPED_PROBABILITY, MIN_CLIPPED_READINGS)
+
     def _is_frozen(self) -> bool:
         """Whether so many equal readings are too unlikely to have come by chance."""
+        return self._repeats_unlikely(FROZEN_PROBABILITY, MIN_FROZEN_READINGS)
+
+    def _repeats_unlikely(self, probability: float, min_count: int) -> bool:
+        """Test whether the number of equal readings is less likely than a probability.
+
+        Parameters
+        ----------
+        probability : float
+            Probability of such a number by chance.
+        min_count : int
+            Smaller numbers are not tested.
+        """
         is_coarse = self._baseline.noise_V < MIN_NOISE_STEPS * self._step_V
-        if is_coarse or self.repeat_count < MIN_FROZEN_READINGS:
+        if is_coarse or self.repeat_count < min_count:
             return False
-        probability = self._equal_count / self._reading_count
-        return bool(probability ** (self.repeat_count - 1) < FROZEN_PROBABILITY)
+        equal_fraction = self._equal_count / self._reading_count
+        return bool(equal_fraction ** (self.repeat_count - 1) < probability)
 
     def _learn_limit(self, voltage: float) -> None:
         """Learn a limit of the converter from a plateau that is the channel's extreme."""
@@ -172,103 +186,15 @@ class ChannelFilter:
             self.high_V = voltage
         elif distance_V < 0.0 and voltage <= self._min_V:
             self.low_V = voltage
+        else:
+            return
+        self.unmarked_count = self.repeat_count - 1
 
-
-class SpikeFilter:
-    """Finds single samples and short bursts that leave the signal and come back.
-
-    A sample that differs from the last one by more than the noise and the recent differences can
-    explain is held back, until the voltages have come back or the longest duration of a spike has
-    passed. Voltages that have come back were a spike and become missing; others are the flank of a
-    touch and are passed on as they are.
-
-    Parameters
-    ----------
-    baseline : Baseline
-        Source of the noise of the channels.
-    """
-
-    def __init__(self, baseline: Baseline) -> None:
-        self._channels = baseline.channels
-        count = len(self._channels)
-        self._last = [math.nan] * count
-        self._recent = [0.0] * count
-        self._held: list[FilteredSample] = []
-        self.spike_counts = [0] * count  #: Number of readings that were spikes, by channel.
-
-    @property
-    def held(self) -> list[FilteredSample]:
-        """Samples that are held back, the oldest first."""
-        return self._held
-
-    def receive(self, sample: FilteredSample, interval_s: float) -> list[FilteredSample]:
-        """Receive the next sample, and return the samples that are decided.
-
-        Parameters
-        ----------
-        sample : FilteredSample
-            The sample; its voltages may be replaced by NaN.
-        interval_s : float
-            Sampling interval.
-        """
-        if sample.follows_pause:
-            decided = [*self.flush(), sample]
-            self._accept(sample)
-            return decided
-        is_suspicious = self._is_suspicious(sample)
-        if not self._held and not is_suspicious:
-            self._accept(sample)
-            return [sample]
-        self._held.append(sample)
-        if not is_suspicious:
-            self._remove_spikes()
-            return self.flush()
-        longest = max(MIN_SPIKE_SAMPLES, round(MAX_SPIKE_S / interval_s))
-        return self.flush() if len(self._held) > longest else []
-
-    def add_counts(self, counts: Sequence[int]) -> None:
-        """Add numbers of spikes, by channel, that were found while the baseline was learned."""
-        for number, count in enumerate(counts):
-            self.spike_counts[number] += count
-
-    def flush(self) -> list[FilteredSample]:
-        """Return all samples that are held back."""
-        decided = self._held
-        self._held = []
-        for sample in decided:
-            self._accept(sample)
-        return decided
-
-    def _is_suspicious(self, sample: FilteredSample) -> bool:
-        """Whether a voltage differs from the last accepted one by more than is usual."""
-        for voltage, last, recent, channel in zip(
-            sample.voltages, self._last, self._recent, self._channels, strict=True
-        ):
-            limit = SPIKE_DEVIATIONS * channel.noise_V + SPIKE_MULTIPLE * recent
-            # Comparisons with NaN are false: a missing voltage is not suspicious.
-            if abs(voltage - last) > limit:
-                return True
-        return False
-
-    def _remove_spikes(self) -> None:
-        """Make the voltages of held samples missing that have left the signal and come back."""
-        for number, channel in enumerate(self._channels):
-            limit = SPIKE_DEVIATIONS * channel.noise_V + SPIKE_MULTIPLE * self._recent[number]
-            for sample in self._held:
-                if abs(sample.voltages[number] - self._last[number]) > limit:
-                    sample.voltages[number] = math.nan
-                    self.spike_counts[number] += 1
-
-    def _accept(self, sample: FilteredSample) -> None:
-        """Take the voltages of a sample as the last ones."""
-        last = self._last
-        recent = self._recent
-        for number, voltage in enumerate(sample.voltages):
-            if voltage == voltage:  # not NaN
-                difference = abs(voltage - last[number])
-                remembered = RECENT_DECAY * recent[number]
-                recent[number] = difference if difference > remembered else remembered
-                last[number] = voltage
+    def take_unmarked_count(self) -> int:
+        """Return how many of the last readings were at a limit that has been learned just now."""
+        count = self.unmarked_count
+        self.unmarked_count = 0
+        return count
 
 
 class ReadingFilter:
@@ -297,7 +223,8 @@ class ReadingFilter:
     def mark(self, time_s: float, voltages: Sequence[float], follows_pause: bool) -> FilteredSample:
         """Mark the voltages of a sample that are missing, clipped or frozen.
 
-        The baseline of a channel that returns after an outage is forgotten.
+        The baseline of a channel that returns after an outage is forgotten. A sample without any
+        reading is no outage of its channels.
 
         Parameters
         ----------
@@ -310,6 +237,8 @@ class ReadingFilter:
         """
         marked = list(voltages)
         is_clipped = [False] * len(marked)
+        if all(map(math.isnan, marked)):
+            return FilteredSample(time_s, marked, is_clipped, follows_pause)
         for number, channel in enumerate(self.channels):
             before = channel.validity
             validity = channel.classify(time_s, marked[number])
@@ -350,7 +279,7 @@ class ReadingFilter:
         """Make the equal readings of a frozen channel missing in the samples that are held back."""
         first = max(len(self.spikes.held) - repeat_count + 1, 0)
         for sample in self.spikes.held[first:]:
-            sample.voltages[number] = math.nan
+            sample.remove_voltage(number)
 
     def describe(self, names: Sequence[str]) -> list[str]:
         """Return a sentence for each kind of readings that were no values.

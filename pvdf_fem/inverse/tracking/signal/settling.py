@@ -12,8 +12,8 @@ from scipy.special import chdtri
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.inverse.tracking.signal.baseline import SettledBaseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
-from pvdf_fem.inverse.tracking.signal.reading_filter import FilteredSample
 
 #: Fewest samples from which a baseline is learned, however slow the sampling is.
 MIN_SETTLING_SAMPLES = 16

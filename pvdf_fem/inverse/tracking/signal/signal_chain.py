@@ -10,8 +10,9 @@ import numpy as np
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.signal.clock import ClockEvent, SampleClock, StampedSample
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
-from pvdf_fem.inverse.tracking.signal.reading_filter import FilteredSample, ReadingFilter
+from pvdf_fem.inverse.tracking.signal.reading_filter import ReadingFilter
 
 #: Pause in sampling intervals from which readings may have been missed.
 MIN_PAUSE_INTERVALS = 4.5
@@ -42,6 +43,16 @@ class SignalChain:
     def interval_s(self) -> float:
         """Sampling interval in s; infinite until it has been learned."""
         return self.clock.interval_s
+
+    def describe(self, names: Sequence[str]) -> list[str]:
+        """Return a sentence for each kind of fault that was found and repaired.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Names of the channels.
+        """
+        return [*self.clock.notes, *self.hum.notes, *self.filter.describe(names)]
 
     def receive(self, stamp_s: float, voltages: Sequence[float]) -> list[FilteredSample]:
         """Receive the next sample, and return the samples that are decided.
@@ -89,8 +100,8 @@ class SignalChain:
         """Return a sample without the mains hum, if it has been learned."""
         if not self.hum.is_learned:
             return sample
-        voltages = np.array(sample.voltages)
-        cleaned = self.hum.subtract(sample.time_s, voltages)
-        if cleaned is voltages:
+        if not self.hum.is_active:
+            self.hum.observe(sample.time_s, sample.voltages)
             return sample
+        cleaned = self.hum.subtract(sample.time_s, np.array(sample.voltages))
         return sample._replace(voltages=cleaned.tolist())

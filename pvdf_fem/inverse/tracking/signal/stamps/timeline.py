@@ -165,7 +165,8 @@ class Timeline:
             is_within_chunk = base.band_s > MAX_BAND * base.interval_s
             if fit and fit.kind is StampKind.REGULAR and fit.gap_count < MIN_GAPS:
                 fit = None if is_within_chunk else fit
-        if fit is None and base.lag_count == base.max_lag_count:
+        is_lagging = base.lag_count > 0 and base.lag_count % base.max_lag_count == 0
+        if fit is None and is_lagging:
             fit = self._history.find_lag(base.lag_count, base.interval_s)
         if fit:
             self._change_base(fit, row)

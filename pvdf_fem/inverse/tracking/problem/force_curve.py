@@ -9,7 +9,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
-from pvdf_fem.inverse.tracking.contact_problem import ContactProblem
+from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
 from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 #: Number of tabulated forces; cubic interpolation between them is right to 1e-6 of a charge.
@@ -17,7 +17,9 @@ POINT_COUNT = 129
 MAX_STEPS = 8
 #: Largest Gauss-Newton step of the logarithm of the force.
 MAX_LOG_STEP = 1.0
-#: The fit has converged when a step is smaller than this fraction of the standard deviation.
+#: The fit has converged when a step of the logarithm is smaller than this number, whose square is
+#: far below the errors of a force, or than this fraction of the standard deviation.
+SMALL_LOG_STEP = 0.01
 STEP_TOLERANCE = 0.05
 
 
@@ -26,6 +28,7 @@ class FittedForce(NamedTuple):
 
     log_force: float  #: Logarithm of the force in N.
     chi_square: float  #: Sum of the squared residuals, each divided by its variance.
+    degrees_of_freedom: int  #: Number of measured channels less one.
 
 
 class ForceCurve:
@@ -72,7 +75,7 @@ class ForceCurve:
         """
         measured = np.flatnonzero(sample.is_measured)
         if not len(measured):
-            return FittedForce(math.nan, math.nan)
+            return FittedForce(math.nan, math.nan, 0)
         weights = (1.0 / self._problem.compute_variance(sample)[measured]).tolist()
         charges_pC = sample.charges_pC[measured].tolist()
         channels = measured.tolist()
@@ -93,11 +96,12 @@ class ForceCurve:
             end = min(max(log_force + step, self._lowest), self._highest)
             step = end - log_force
             log_force = end
-            if abs(step) * math.sqrt(curvature) < STEP_TOLERANCE:
+            size = abs(step)
+            if size < SMALL_LOG_STEP or size * math.sqrt(curvature) < STEP_TOLERANCE:
                 # The chi-square falls by the product of gradient and step to first order.
                 chi_square = max(chi_square - gradient * step, 0.0)
                 break
-        return FittedForce(log_force, chi_square)
+        return FittedForce(log_force, chi_square, len(channels) - 1)
 
     def _interpolate(self, log_force: float) -> tuple[list[float], list[float]]:
         """Interpolate the changes of the charges in pC, and their derivatives.

@@ -38,6 +38,8 @@ class CandidateTouches:
     deviations: Array
     chi_square: float  #: Chi-square of the likeliest touch.
     is_explained: bool  #: Whether the likeliest touch fits the charges within their errors.
+    #: Position in mm and rotation in degrees of the likeliest touch, in the frame of the stage.
+    likeliest_pose: tuple[float, float, float]
 
     @property
     def likeliest(self) -> Array:
@@ -242,6 +244,7 @@ class ContactProblem(LocationProblem):
             problem.compute_mixture_deviations(touches, coordinates, sample),
             chi_square=touches[0].chi_square,
             is_explained=touches[0].explained,
+            likeliest_pose=(touches[0].x_mm, touches[0].y_mm, touches[0].rotation_deg),
         )
 
     def compute_mixture_deviations(

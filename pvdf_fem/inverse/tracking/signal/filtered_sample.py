@@ -1,0 +1,33 @@
+"""A sample of the voltages of all channels, with marks of those that are not values."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+
+class FilteredSample(NamedTuple):
+    """Voltages of all channels at one instant; a list has an entry for each channel."""
+
+    time_s: float
+    voltages: list[float]  #: In V; NaN where they are missing.
+    is_clipped: list[bool]  #: Whether the voltage is only a limit of the true one.
+    follows_pause: bool = False  #: Whether readings or times were missing before this sample.
+
+    def remove_voltage(self, number: int) -> None:
+        """Let the voltage of a channel be missing."""
+        self.voltages[number] = math.nan
+        self.is_clipped[number] = False
+
+    @property
+    def has_no_reading(self) -> bool:
+        """Whether all voltages are missing."""
+        first = self.voltages[0]
+        if first == first:  # not NaN
+            return False
+        return all(map(math.isnan, self.voltages))
+
+    @property
+    def has_missing(self) -> bool:
+        """Whether a voltage is missing."""
+        return math.isnan(sum(self.voltages))

@@ -1,0 +1,138 @@
+"""Single samples and short bursts that leave the signal and come back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+from pvdf_fem.inverse.tracking.signal.baseline import Baseline
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
+
+#: A voltage that differs from the last by more noise deviations, or by a larger multiple of the
+#: recent differences, may be a spike. Steep flanks of touches are passed on by the multiple.
+SPIKE_DEVIATIONS = 10.0
+SPIKE_MULTIPLE = 6.0
+#: In a flank, a spike deviates by a larger multiple of the difference of the voltages around it.
+FLANK_MULTIPLE = 3.0
+RECENT_DECAY = 0.8  #: Factor per sample by which recent differences are forgotten.
+#: Longest spike: this time in s, but at least `MIN_SPIKE_SAMPLES`.
+MAX_SPIKE_S = 5e-3
+MIN_SPIKE_SAMPLES = 4
+
+
+class SpikeFilter:
+    """Finds single samples and short bursts that leave the signal and come back.
+
+    A sample that differs from the last one by more than the noise and the recent differences can
+    explain is held back, until the voltages have come back or the longest duration of a spike has
+    passed. Voltages that have come back were a spike and become missing; others are the flank of a
+    touch and are passed on as they are.
+
+    Parameters
+    ----------
+    baseline : Baseline
+        Source of the noise of the channels.
+    """
+
+    def __init__(self, baseline: Baseline) -> None:
+        self._channels = baseline.channels
+        count = len(self._channels)
+        self._last = [math.nan] * count
+        self._recent = [0.0] * count
+        self._held: list[FilteredSample] = []
+        self.spike_counts = [0] * count  #: Number of readings that were spikes, by channel.
+
+    @property
+    def held(self) -> list[FilteredSample]:
+        """Samples that are held back, the oldest first."""
+        return self._held
+
+    def receive(self, sample: FilteredSample, interval_s: float) -> list[FilteredSample]:
+        """Receive the next sample, and return the samples that are decided.
+
+        Parameters
+        ----------
+        sample : FilteredSample
+            The sample; its voltages may be replaced by NaN.
+        interval_s : float
+            Sampling interval.
+        """
+        if sample.follows_pause:
+            decided = [*self.flush(), sample]
+            self._accept(sample)
+            return decided
+        is_suspicious = self._is_suspicious(sample)
+        if not self._held and not is_suspicious:
+            self._accept(sample)
+            return [sample]
+        self._held.append(sample)
+        if not is_suspicious:
+            self._remove_spikes()
+            return self.flush()
+        longest = max(MIN_SPIKE_SAMPLES, round(MAX_SPIKE_S / interval_s))
+        if len(self._held) <= longest:
+            return []
+        self._remove_spikes_in_flank()
+        return self.flush()
+
+    def add_counts(self, counts: Sequence[int]) -> None:
+        """Add numbers of spikes, by channel, that were found while the baseline was learned."""
+        for number, count in enumerate(counts):
+            self.spike_counts[number] += count
+
+    def flush(self) -> list[FilteredSample]:
+        """Return all samples that are held back."""
+        decided = self._held
+        self._held = []
+        for sample in decided:
+            self._accept(sample)
+        return decided
+
+    def _is_suspicious(self, sample: FilteredSample) -> bool:
+        """Whether a voltage differs from the last accepted one by more than is usual."""
+        for voltage, last, recent, channel in zip(
+            sample.voltages, self._last, self._recent, self._channels, strict=True
+        ):
+            limit = SPIKE_DEVIATIONS * channel.noise_V + SPIKE_MULTIPLE * recent
+            # Comparisons with NaN are false: a missing voltage is not suspicious.
+            if abs(voltage - last) > limit:
+                return True
+        return False
+
+    def _remove_spikes(self) -> None:
+        """Make the voltages of held samples missing that have left the signal and come back."""
+        for number, channel in enumerate(self._channels):
+            limit = SPIKE_DEVIATIONS * channel.noise_V + SPIKE_MULTIPLE * self._recent[number]
+            for sample in self._held:
+                if abs(sample.voltages[number] - self._last[number]) > limit:
+                    sample.remove_voltage(number)
+                    self.spike_counts[number] += 1
+
+    def _remove_spikes_in_flank(self) -> None:
+        """Remove single voltages from held samples that are far from those before and after.
+
+        The held samples are the flank of a touch, which has hidden such spikes.
+        """
+        for number, channel in enumerate(self._channels):
+            before = self._last[number]
+            for sample, following in pairwise(self._held):
+                voltage = sample.voltages[number]
+                after = following.voltages[number]
+                limit = SPIKE_DEVIATIONS * channel.noise_V + FLANK_MULTIPLE * abs(after - before)
+                if abs(voltage - (before + after) / 2.0) > limit:
+                    sample.remove_voltage(number)
+                    self.spike_counts[number] += 1
+                elif not math.isnan(voltage):
+                    before = voltage
+
+    def _accept(self, sample: FilteredSample) -> None:
+        """Take the voltages of a sample as the last ones."""
+        last = self._last
+        recent = self._recent
+        for number, voltage in enumerate(sample.voltages):
+            if voltage == voltage:  # not NaN
+                difference = abs(voltage - last[number])
+                remembered = RECENT_DECAY * recent[number]
+                recent[number] = difference if difference > remembered else remembered
+                last[number] = voltage

@@ -1,0 +1,74 @@
+"""What the tracker has to say about a whole stream."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+
+class StreamNotes:
+    """Sentences about touches that were not located, steps of offsets, and disturbances.
+
+    Attributes
+    ----------
+    step_counts : Counter of str
+        Number of steps of the offset, by channel.
+    faint_count : int
+        Number of contacts whose charges stayed within their errors.
+    """
+
+    def __init__(self) -> None:
+        self.step_counts: Counter[str] = Counter()
+        self.faint_count = 0
+        self._sentences: list[str] = []
+
+    @property
+    def sentences(self) -> list[str]:
+        """All sentences; the numbers in them grow with the stream."""
+        sentences = []
+        for name, count in self.step_counts.items():
+            sentences.append(f"the offset of {name} stepped {count} times: it was learned again")
+        if self.faint_count:
+            sentences.append(
+                f"{self.faint_count} disturbances stayed within the errors of their charges, and "
+                f"are not reported as touches"
+            )
+        return [*sentences, *self._sentences]
+
+    def add(self, sentence: str) -> None:
+        """Add a sentence."""
+        self._sentences.append(sentence)
+
+    def add_touch_while_settling(self, begin_s: float, end_s: float, settling_s: float) -> None:
+        """Say that the film was touched while the baseline was learned.
+
+        Parameters
+        ----------
+        begin_s, end_s : float
+            Times of the touch in s.
+        settling_s : float
+            Time for which the film must be free.
+        """
+        self.add(
+            f"the film was touched, or the readings drifted, from {begin_s:.3f} to {end_s:.3f} s "
+            f"while the baseline was learned: this is not located; keep the film free for "
+            f"{settling_s:g} s"
+        )
+
+    def add_unsettled(self, touched_from_s: float, settling_s: float) -> None:
+        """Say that the baseline was not learned by the end of the stream.
+
+        Parameters
+        ----------
+        touched_from_s : float
+            Time from which the film was touched; NaN if there were too few samples.
+        settling_s : float
+            Time for which the film must be free.
+        """
+        if math.isnan(touched_from_s):
+            reason = f"fewer than readout.settling_s = {settling_s:g} s of readings"
+            advice = "give longer readings, or a smaller settling_s"
+        else:
+            reason = f"the readings were not steady after {touched_from_s:.3f} s"
+            advice = "keep the film free at the start"
+        self.add(f"the baseline was not learned: {reason}; {advice}")

@@ -1,0 +1,1 @@
+"""The report script on tracking streams with the faults of real hardware."""

@@ -1,0 +1,186 @@
+"""Verdicts on what a tracker makes of a stream: right, flagged, wrong, lost, phantom, unsaid."""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from pvdf_fem import Tracker
+from pvdf_fem.arrays import Array
+from pvdf_fem.inverse.tracking.results import TouchSummary, TrackStatus
+from reports.tracking.fault import Fault
+from reports.tracking.presses import Press
+from reports.tracking.stream import Stream
+
+#: A touch is right if its errors are within this many of its stated deviations, ...
+LARGEST_PULL = 4.5
+#: ... or within these errors of the place in mm and relative error of the force, as in the
+#: acceptance of streams of real hardware.
+PLACE_MM = 0.1
+FORCE_FRACTION = 0.03
+#: A touch is about a press if its onset is within this fraction of the duration, ...
+ONSET_FRACTION = 0.5
+ONSET_S = 0.1  #: ... and this time.
+#: Statuses that say nothing about a fault.
+ORDINARY = (
+    TrackStatus.SETTLING,
+    TrackStatus.QUIET,
+    TrackStatus.STARTING,
+    TrackStatus.TOUCH,
+    TrackStatus.TOO_LIGHT,
+)
+
+
+@dataclass(frozen=True)
+class Report:
+    """A reported touch, and the true time of the row that reported it."""
+
+    summary: TouchSummary
+    reported_s: float
+
+    @property
+    def is_located(self) -> bool:
+        """Whether the touch has a place and a force, and no other status than ``touch``."""
+        is_touch = self.summary.status == TrackStatus.TOUCH
+        return is_touch and math.isfinite(self.summary.x_mm)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """All that a tracker reported about a stream."""
+
+    reports: tuple[Report, ...]
+    messages: tuple[str, ...]  #: Notes, and statuses and missing channels of rows and touches.
+    cpu_s: float  #: CPU time of all rows.
+    slowest_s: float  #: CPU time of the slowest row.
+
+
+@dataclass
+class Verdict:
+    """Numbers of presses and reported touches by verdict."""
+
+    right: int = 0
+    flagged: int = 0  #: Presses that are reported with another status than ``touch``.
+    wrong: int = 0
+    lost: int = 0
+    excused: int = 0  #: Presses that are lost, but cannot be asked for.
+    phantom: int = 0  #: Located touches where nothing presses.
+    unsaid: list[str] = field(default_factory=list)  #: Faults that no message is about.
+    pulls: list[list[float]] = field(default_factory=list)  #: Of x, y and force of right touches.
+
+    @property
+    def is_good(self) -> bool:
+        """Whether nothing is wrong, lost, a phantom, or unsaid."""
+        return not (self.wrong or self.lost or self.phantom or self.unsaid)
+
+
+def track_stream(tracker: Tracker, stream: Stream) -> Outcome:
+    """Feed a stream to a tracker, row by row."""
+    reports: list[Report] = []
+    messages: dict[str, None] = {}  # in the order of their first appearance
+    slowest_s = 0.0
+    begin_s = time.process_time()
+    previous_s = begin_s
+    for stamp_s, reading_V, true_s in stream.iterate_rows():
+        row = tracker.update(stamp_s, reading_V)
+        if row.status not in ORDINARY or row.missing:
+            messages[f"{row.status}, missing: {row.missing}" if row.missing else row.status] = None
+        for summary in tracker.touches[len(reports) :]:
+            reports.append(Report(summary, true_s))
+        now_s = time.process_time()
+        slowest_s = max(slowest_s, now_s - previous_s)
+        previous_s = now_s
+    tracker.finish()
+    for summary in tracker.touches[len(reports) :]:
+        reports.append(Report(summary, math.inf))
+    for report in reports:
+        if not report.is_located:
+            messages[str(report.summary)] = None
+    notes = [str(note) for note in tracker.notes]
+    return Outcome(tuple(reports), (*notes, *messages), time.process_time() - begin_s, slowest_s)
+
+
+def find_expected_onsets(stream: Stream, press: Press) -> list[float]:
+    """Find the onsets in s that a tracker may state.
+
+    The first is on an axis of time that begins with the first stamp and has no jumps. A tracker
+    cannot distinguish a clock that jumps forward from a gap, so the second keeps these jumps. The
+    third is the stamp that the logger wrote when the press began.
+    """
+    row = min(int(np.searchsorted(stream.true_s, press.begin_s)), len(stream.true_s) - 1)
+    first = int(np.argmax(np.isfinite(stream.stamps_s)))
+    onset_s = float(stream.stamps_s[first] + press.begin_s - stream.true_s[first])
+    jumps_s = sum(jump.step_s for jump in stream.forward_jumps if jump.true_s <= press.end_s)
+    return [onset_s, onset_s + jumps_s, float(stream.stamps_s[row])]
+
+
+def is_about(stream: Stream, press: Press, report: Report) -> bool:
+    """Return whether a reported touch begins when a press does."""
+    if report.reported_s < press.begin_s:
+        return False
+    most_s = ONSET_FRACTION * press.duration_s + ONSET_S
+    onsets_s = find_expected_onsets(stream, press)
+    return any(abs(report.summary.onset_s - onset_s) < most_s for onset_s in onsets_s)
+
+
+class Errors(NamedTuple):
+    """Errors of x, y and force of a touch."""
+
+    errors: Array  #: In mm, mm and N.
+    pulls: list[float]  #: Errors divided by the stated deviations.
+    is_right: bool
+
+
+def compute_errors(stream: Stream, press: Press, summary: TouchSummary) -> Errors:
+    """Compute the errors of a located touch.
+
+    If the readings at the peak are missing, any force between the largest force at a row with
+    readings and the peak is right.
+    """
+    least_N = min(stream.compute_seen_force(press), press.force_N)
+    true_N = np.clip(summary.force_N, least_N, press.force_N)
+    found = np.array([summary.x_mm, summary.y_mm, summary.force_N])
+    errors = found - [press.x_mm, press.y_mm, true_N]
+    deviations = np.array(
+        [summary.x_deviation_mm, summary.y_deviation_mm, summary.force_deviation_N]
+    )
+    tolerances = np.array([PLACE_MM, PLACE_MM, FORCE_FRACTION * press.force_N])
+    limits = np.maximum(LARGEST_PULL * deviations, tolerances)
+    is_right = bool((np.abs(errors) < limits).all())
+    return Errors(errors, (errors / deviations).tolist(), is_right)
+
+
+def judge(stream: Stream, outcome: Outcome, faults: tuple[Fault, ...]) -> Verdict:
+    """Judge the outcome of a stream with faults."""
+    verdict = Verdict()
+    reports = list(outcome.reports)
+    for press in stream.presses:
+        near = [report for report in reports if is_about(stream, press, report)]
+        located = [report for report in near if report.is_located]
+        if not near:
+            verdict.excused += stream.is_excused(press)
+            verdict.lost += not stream.is_excused(press)
+            continue
+        report = located[0] if located else near[0]
+        reports.remove(report)
+        if not located:
+            verdict.flagged += 1
+            continue
+        errors = compute_errors(stream, press, report.summary)
+        verdict.right += errors.is_right
+        verdict.wrong += not errors.is_right
+        if errors.is_right:
+            verdict.pulls.append(errors.pulls)
+    verdict.phantom = sum(report.is_located for report in reports)
+    said = "\n".join(outcome.messages)
+    for fault in faults:
+        if fault.is_early and verdict.right == len(stream.presses):
+            continue  # The tracker had settled before the early press.
+        if not re.search(fault.message, said, re.IGNORECASE):
+            verdict.unsaid.append(fault.name)
+    return verdict
