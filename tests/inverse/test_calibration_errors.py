@@ -11,8 +11,8 @@ from pvdf_fem.inverse.calibration_errors import whiten
 from pvdf_fem.inverse.touch.locate_many import locate_many
 from pvdf_fem.inverse.touch.measurement import Measurement
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
-from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
 from pvdf_fem.inverse.tracking.options import DEFAULTS
+from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
 from pvdf_fem.surrogate.touch_domain import TouchColumn
 from tests.helpers.touched_sensor import (
     NAMES,
