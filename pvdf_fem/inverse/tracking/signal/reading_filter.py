@@ -20,8 +20,9 @@ MIN_FROZEN_READINGS = 4  #: Fewer equal readings do not count as frozen.
 #: The same for equal readings at the extreme of a channel, which is then clipped.
 CLIPPED_PROBABILITY = 1e-6
 MIN_CLIPPED_READINGS = 3
-#: The same if the two changes before them were larger, in noise deviations or steps.
-MIN_ABRUPT_CHANGE = 8.0
+#: The same if the two changes before them were larger, in noise deviations or steps. Three equal
+#: readings at the peak of a parabola follow on changes of five steps at most.
+MIN_ABRUPT_CHANGE = 6.0
 #: A channel whose noise is smaller than this number of its steps often repeats a reading, so that it
 #: is not found to be frozen.
 MIN_NOISE_STEPS = 2.0
@@ -190,6 +191,11 @@ class ChannelFilter:
             return
         self.unmarked_count = self.repeat_count - 1
 
+    def forget_extremes(self) -> None:
+        """Forget the extreme voltages, after one of them was a spike."""
+        self._min_V = math.inf
+        self._max_V = -math.inf
+
     def take_unmarked_count(self) -> int:
         """Return how many of the last readings were at a limit that has been learned just now."""
         count = self.unmarked_count
@@ -257,6 +263,15 @@ class ReadingFilter:
                 self.frozen_counts[number] += 1
                 self._mark_held_as_missing(number, channel.repeat_count)
         return FilteredSample(time_s, marked, is_clipped, follows_pause)
+
+    def remove_spikes(self, sample: FilteredSample, interval_s: float) -> list[FilteredSample]:
+        """Remove spikes, and return the samples that are decided; see `SpikeFilter.receive`."""
+        count = self.spikes.total_count
+        decided = self.spikes.receive(sample, interval_s)
+        if self.spikes.total_count > count:
+            for channel in self.channels:
+                channel.forget_extremes()
+        return decided
 
     def _return_from_outage(self, number: int, time_s: float, voltage: float) -> None:
         """Forget the baseline of a channel that has returned with another offset.

@@ -95,7 +95,7 @@ class SignalChain:
         sample = self._subtract_hum(sample)
         if not self.removes_spikes:
             return [sample]
-        return self.filter.spikes.receive(sample, self.interval_s)
+        return self.filter.remove_spikes(sample, self.interval_s)
 
     def _subtract_hum(self, sample: FilteredSample) -> FilteredSample:
         """Return a sample without the mains hum, if it has been learned."""
