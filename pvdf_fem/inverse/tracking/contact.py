@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.arrays import Mask
 from pvdf_fem.inverse.tracking.charges.charge_record import ChargeRecord
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.problem.contact_problem import CandidateTouches, ContactProblem

@@ -97,9 +97,7 @@ class ResultBuilder:
         """Make the row of a sample in which all readings are missing, after another row."""
         return TrackRow(time_s, before.status, touch=before.touch, missing=" ".join(self._names))
 
-    def make_contact_row(
-        self, sample: FilteredSample, contact: Contact, number: int
-    ) -> TrackRow:
+    def make_contact_row(self, sample: FilteredSample, contact: Contact, number: int) -> TrackRow:
         """Make the row of the last sample of a contact; it has no position until it is located.
 
         Parameters
