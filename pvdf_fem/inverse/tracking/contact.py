@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -210,18 +211,20 @@ class Contact:
         self.locator.update(record, sample, step_s)
         return sample
 
-    def mark_clipped(self, number: int, count: int) -> None:
-        """Let the last voltages of a channel count as clipped, which have just been found to be.
+    def mark_clipped(self, counts: Sequence[int], later_count: int = 0) -> None:
+        """Mark voltages as clipped that have been recorded as values.
 
         Parameters
         ----------
-        number : int
-            Number of the channel.
-        count : int
-            Number of samples.
+        counts : sequence of int
+            Number of such samples, by channel.
+        later_count : int
+            Number of samples that have been recorded after them.
         """
-        self.was_clipped[number] = True
-        self.record.mark_clipped(number, count)
+        for number, count in enumerate(counts):
+            if count:
+                self.was_clipped[number] = True
+                self.record.mark_clipped(number, count + later_count)
 
     def exclude_channel(self, number: int) -> None:
         """Count a channel as missing in all samples, also in those before."""

@@ -234,7 +234,6 @@ class Tracker:
     def _begin_to_watch(self, settled: SettledSamples) -> None:
         """Watch the baseline that has been learned, first in the samples after it."""
         self._baseline.set_lines(settled.baseline, self._signal.interval_s)
-        self._signal.removes_spikes = True
         self._signal.filter.spikes.add_counts(settled.spike_counts)
         self._watch = ContactWatch(
             self._baseline,
@@ -242,8 +241,8 @@ class Tracker:
             self._options,
             verification_s=self._settling_s / 2.0,
         )
-        for pending in settled.pending:
-            self._process(pending)
+        for sample in self._signal.begin_to_remove_spikes(settled.pending):
+            self._process(sample)
 
     def _report_touch_while_settling(self, begin_s: float, end_s: float) -> None:
         """Append a touch that began while the baseline was learned to `touches`, without position.
@@ -312,6 +311,7 @@ class Tracker:
         self._contact = contact
         for sample in samples:
             self._add_to_contact(sample, contact)
+        contact.mark_clipped(self._signal.filter.take_unmarked_counts(), later_count=1)
         self._update_contact_row(samples[-1], contact)
 
     def _add_to_contact(self, sample: VoltageSample | FilteredSample, contact: Contact) -> None:
@@ -345,6 +345,7 @@ class Tracker:
             return
         if pause_s > MIN_PAUSE_INTERVALS * self._signal.interval_s:
             contact.record.note_pause(pause_s)
+        contact.mark_clipped(self._signal.filter.take_unmarked_counts())
         self._exclude_channels_without_signal(contact)
         self._add_to_contact(sample, contact)
         self._exclude_stepped_channel(contact)
@@ -400,8 +401,7 @@ class Tracker:
     def _exclude_channels_without_signal(self, contact: Contact) -> None:
         """Exclude channels from a contact that froze in it, or have returned with another offset.
 
-        A channel that is found to be frozen or clipped has told wrong voltages for some samples
-        already.
+        A channel that is found to be frozen has given wrong voltages for some samples already.
 
         Parameters
         ----------
@@ -409,11 +409,7 @@ class Tracker:
             Contact in progress.
         """
         for number, channel in enumerate(self._baseline.channels):
-            channel_filter = self._signal.filter.channels[number]
-            unmarked_count = channel_filter.take_unmarked_count()
-            if unmarked_count:
-                contact.mark_clipped(number, unmarked_count)
-            is_frozen = channel_filter.validity is Validity.FROZEN
+            is_frozen = self._signal.filter.channels[number].validity is Validity.FROZEN
             if contact.is_settled[number] and (is_frozen or not channel.is_settled):
                 contact.exclude_channel(number)
 

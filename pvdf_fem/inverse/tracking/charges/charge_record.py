@@ -70,6 +70,7 @@ class ChargeRecord:
         self._kept_peak: ChargeSample | None = None
         self._largest_size = -1.0
         self._hidden_size = 0.0  # Size in pC that the charges may have had during a pause.
+        self._is_excluded = np.zeros(len(residual), dtype=bool)  # Channels that count as missing.
         self._next_end_check = 0.0
 
     def __len__(self) -> int:
@@ -113,8 +114,10 @@ class ChargeRecord:
         """
         integrator = self._integrator
         charges_pC = integrator.add(time_s, voltages, is_clipped, noise_V)
+        charges_pC[self._is_excluded] = 0.0
         noise_variance = np.square(self.circuit.capacitance * noise_V)
-        noise_variance[np.isnan(voltages) | is_clipped] = ChargeSample.MISSING
+        is_missing = np.isnan(voltages) | is_clipped | self._is_excluded
+        noise_variance[is_missing] = ChargeSample.MISSING
         sample = ChargeSample(
             time_s,
             charges_pC,
@@ -182,7 +185,8 @@ class ChargeRecord:
         self._buffer.mark_clipped(number, count)
 
     def exclude_channel(self, number: int) -> None:
-        """Count the charges of an electrode as missing in all samples so far."""
+        """Count the charges of an electrode as missing in all samples, also in later ones."""
+        self._is_excluded[number] = True
         self._buffer.exclude_channel(number)
         self._kept_peak = self._kept_peak and self._kept_peak.without_channel(number)
         self.largest = self.largest and self.largest.without_channel(number)
@@ -267,10 +271,10 @@ class ChargeRecord:
     def detect_end(self) -> bool:
         """Decide whether the contact has ended, and set `still_count` in either case.
 
-        A contact has ended when its charges have stopped changing and are zero within their
-        errors, or when they are negligible and hardly change. If they are small, they must have been constant for four times as
-        long. Charges that have never been significantly above the noise end the
-        contact only after `TrackOptions.patience_samples`. A clipped contact has not ended.
+        A contact has ended when its charges have stopped changing and are zero within their errors,
+        or when they are negligible and hardly change. If they are small, they must have been
+        constant for four times as long. Charges that have never exceeded the noise end the contact
+        only after `TrackOptions.patience_samples`. A contact does not end while it is clipped.
 
         Returns
         -------

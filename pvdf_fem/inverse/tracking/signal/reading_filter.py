@@ -74,7 +74,8 @@ class ChannelFilter:
         self._rise_V = math.inf  # Sum of the last two differences.
         self._step_V = math.inf  # Smallest difference of two readings in a row.
         self.repeat_count = 1  #: Number of equal readings in a row.
-        self.unmarked_count = 0  #: Readings at a new limit that were not marked as clipped.
+        # Readings of the plateau in progress before the last one, if its limit is learned.
+        self._unmarked_count = 0
         self._equal_count = 1.0
         self._reading_count = 2.0
         self.validity = Validity.VALUE  #: Validity of the last reading.
@@ -102,7 +103,7 @@ class ChannelFilter:
             self._last_V = voltage
             if voltage > self._max_V:
                 self._max_V = voltage
-            elif voltage < self._min_V:
+            if voltage < self._min_V:
                 self._min_V = voltage
             validity = Validity.VALUE
         else:
@@ -143,6 +144,7 @@ class ChannelFilter:
             self._equal_count /= 2.0
             self._reading_count /= 2.0
         self.repeat_count = 1
+        self._unmarked_count = 0
 
     def _is_plateau(self) -> bool:
         """Whether readings are equal although they were changing quickly just before.
@@ -188,12 +190,16 @@ class ChannelFilter:
             self.low_V = voltage
         else:
             return
-        self.unmarked_count = self.repeat_count - 1
+        self._unmarked_count = self.repeat_count - 1
 
     def take_unmarked_count(self) -> int:
-        """Return how many of the last readings were at a limit that has been learned just now."""
-        count = self.unmarked_count
-        self.unmarked_count = 0
+        """Return how many readings before the last one are clipped by the limit of a plateau.
+
+        The first of them were classified as values, because the limit was not known yet. The number
+        is returned once, and only while the plateau lasts.
+        """
+        count = self._unmarked_count
+        self._unmarked_count = 0
         return count
 
 
@@ -257,6 +263,10 @@ class ReadingFilter:
                 self.frozen_counts[number] += 1
                 self._mark_held_as_missing(number, channel.repeat_count)
         return FilteredSample(time_s, marked, is_clipped, follows_pause)
+
+    def take_unmarked_counts(self) -> list[int]:
+        """Return `ChannelFilter.take_unmarked_count` of all channels."""
+        return [channel.take_unmarked_count() for channel in self.channels]
 
     def _return_from_outage(self, number: int, time_s: float, voltage: float) -> None:
         """Forget the baseline of a channel that has returned with another offset.

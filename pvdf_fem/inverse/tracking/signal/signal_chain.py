@@ -74,6 +74,27 @@ class SignalChain:
             samples.extend(self._filter(stamped))
         return samples
 
+    def begin_to_remove_spikes(self, samples: Sequence[FilteredSample]) -> list[FilteredSample]:
+        """Remove spikes from now on, since the noise of the baseline is known.
+
+        Parameters
+        ----------
+        samples : sequence of FilteredSample
+            Samples that were received since the baseline was learned.
+
+        Returns
+        -------
+        list of FilteredSample
+            Those of the samples that are decided. Others are held back: they may be a spike.
+        """
+        if self.removes_spikes:
+            return list(samples)  # They come from the filter.
+        self.removes_spikes = True
+        decided = []
+        for sample in samples:
+            decided.extend(self.filter.spikes.receive(sample, self.interval_s))
+        return decided
+
     def flush(self) -> list[FilteredSample]:
         """Return the samples that are held back at the end of the stream."""
         samples: list[FilteredSample] = []
