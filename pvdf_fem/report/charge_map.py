@@ -173,8 +173,10 @@ class ChargeMap:
         errors = _cross_validate_spline(points_mm, values)[is_inner] / scale
         force_N = points.scene.load.force_N
         return cls(
-            # a map has charges on the film, which do not depend on amplifiers and stage
-            scene=points.scene.model_copy(update={"readout": None, "stage": None}),
+            # a map has charges on the film, which do not depend on amplifiers, stage and calibration
+            scene=points.scene.model_copy(
+                update={"readout": None, "stage": None, "calibration": None}
+            ),
             domain=Domain(points.reach_mm, (force_N, force_N)),
             spline=_fit_spline(points_mm, values),
             is_logarithmic=is_logarithmic,

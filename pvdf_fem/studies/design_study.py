@@ -68,7 +68,7 @@ class DesignStudy:
         if errors:
             raise SceneError(errors)
         tables = _make_axis_tables(vary)
-        scene, dropped = _reset_readout_values(scene.with_(stage=None), tables)
+        scene, dropped = _reset_readout_values(scene.with_(stage=None, calibration=None), tables)
         grid = _make_grid(scene, tables)
         scenes = grid.scenes()
         try:

@@ -33,6 +33,7 @@ from pvdf_fem.surrogate.touch_domain import (
 
 if TYPE_CHECKING:
     from pvdf_fem.progress import TaskRunner
+    from pvdf_fem.solver.solution import Solution
 
 #: Number of random touches at which derivatives are solved, in 0.13 s of CPU time each.
 SOLVED_TOUCHES = 48
@@ -161,8 +162,8 @@ def fit_sensitivities(
     NotConvergedError
         If more than half of the touches cannot be solved.
     """
-    _require_derivatives(scene, keys)
-    unloaded = _solve_unloaded_film(scene, keys)
+    require_derivatives(scene, keys)
+    unloaded = solve_unloaded_film(scene, keys)
     drawn = draw_touches(domain, SOLVED_TOUCHES, SEED)
     tasks = [(solve_slopes, scene, touch, tuple(keys)) for touch in drawn]
     results = [*runner.run(tasks)]
@@ -186,7 +187,7 @@ def fit_sensitivities(
     )
 
 
-def _require_derivatives(scene: Scene, keys: Sequence[str]) -> None:
+def require_derivatives(scene: Scene, keys: Sequence[str]) -> None:
     """Raise `ValueError` if charges have no derivative with respect to keys of the film."""
     from pvdf_fem.problem.problem import Problem  # imports scikit-fem
     from pvdf_fem.solver.sensitivity.parameters import explain_missing_derivative, list_parameters
@@ -261,12 +262,31 @@ def solve_slopes(scene: Scene, touch: Array, keys: Sequence[str]) -> Array | str
     """
     from pvdf_fem.problem.problem import Problem  # imports gmsh
     from pvdf_fem.solver.adaptive import solve_outputs
-    from pvdf_fem.solver.sensitivity.rates import differentiate_stress_integrals
 
     solution = solve_outputs(Problem.from_scene(apply_touch(scene, touch, TOLERANCE)))
     if solution.status is not Status.CONVERGED:
         return solution.reason
-    film = scene.film
+    return differentiate_charges(solution, keys)
+
+
+def differentiate_charges(solution: Solution, keys: Sequence[str]) -> Array:
+    """Compute the derivatives of the charges of a solution with respect to keys of the film.
+
+    Parameters
+    ----------
+    solution : Solution
+        Converged solution.
+    keys : sequence of str
+        Keys of the film.
+
+    Returns
+    -------
+    ndarray, shape (electrodes, keys)
+        Derivatives in pC per unit of each key.
+    """
+    from pvdf_fem.solver.sensitivity.rates import differentiate_stress_integrals
+
+    film = solution.scene.film
     d_pC_N = np.array([film.d31_pC_N, film.d32_pC_N])
     integrals = solution.discrete.stress_integrals.values
     mechanical = [key for key in keys if key not in COEFFICIENT_KEYS]
@@ -276,7 +296,7 @@ def solve_slopes(scene: Scene, touch: Array, keys: Sequence[str]) -> Array | str
     return np.stack([by_key[key] for key in keys], axis=-1)
 
 
-def _solve_unloaded_film(scene: Scene, keys: Sequence[str]) -> Array:
+def solve_unloaded_film(scene: Scene, keys: Sequence[str]) -> Array:
     """Solve the charges of the unloaded film and their derivatives, by central differences.
 
     Returns

@@ -245,12 +245,13 @@ def _solve_stress_modes(
 def _simplify_scene(scene: Scene, tolerance: float) -> Scene:
     """Return a copy of the scene without anything that has no effect on the stress.
 
-    Its electrode is a single large circle, it has no readout, its probe is at the centre without
-    rotation, and its ``numerics.tolerance`` is `tolerance`, but at most 1e-2.
+    Its electrode is a single large circle, it has no readout and no calibration, its probe is at
+    the centre without rotation, and its ``numerics.tolerance`` is `tolerance`, but at most 1e-2.
     """
     # A scene must have an electrode; a large circle hardly refines the mesh.
     radius_mm = 0.9 * scene.film.radius_mm
     electrode = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": radius_mm}
-    changes = {"electrodes": [electrode], "readout": None, **dict.fromkeys(PLACE, 0.0)}
+    changes: dict[str, Any] = {"electrodes": [electrode], "readout": None, "calibration": None}
+    changes |= dict.fromkeys(PLACE, 0.0)
     # The penalty stiffness of the contact under a tip depends on the tolerance.
     return scene.with_(**changes, **{"numerics.tolerance": min(tolerance, 1e-2)})

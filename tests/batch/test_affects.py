@@ -43,7 +43,7 @@ FILM = {"film.pressure_Pa": 10.0, "film.gravity_m_s2": 20.0, "film.rim_displacem
 HEAT = {"film.pyroelectric_uC_m2K": 5.0, "film.warming_K": 0.4, "probe.temperature_K": 5.0}
 COUPLED = {"film.coupling": True, "readout": {"kind": "voltage", "cable_capacitance_pF": 100.0}}
 TOLD = {"readout": {"reading": "total"}, "stage": {"x_mm": 1.0}}
-CALIBRATED = {"keys": ["film.thickness_um"], "deviations": [0.5], "correlations": [[1.0]]}
+CALIBRATED = {"keys": ["film.thickness_um"], "deviations": [0.5]}
 TOLD |= {"calibration": CALIBRATED}
 MOVED = {"x_mm", "y_mm", "rotation_deg", "force_N"}  #: Keys that responses follow.
 #: Scenes in which keys act, by changes of `BASE`, and the tables whose keys are changed there.
@@ -88,6 +88,8 @@ def scaled(value: Any) -> Any:
     """Numbers, or lists of such, by a quarter larger."""
     if isinstance(value, list | tuple):
         return [scaled(one) for one in value]
+    if isinstance(value, str):  # a key of a calibration
+        return "film.poisson_ratio"
     return type(value)(1.25 * value) or 0.3
 
 
@@ -95,7 +97,7 @@ def others(table: Section, name: str) -> Iterator[Any]:
     """Other values of a key, by its type and what is said of it; not of tables in it."""
     said, value = table.table_keys[name], getattr(table, name)
     field = TableForm(type(table), type(getattr(table, "geometry", None))).fields[name]
-    words = {"shape": PROBE_SHAPES, "profile": PROFILE_ENTRIES, "name": ["Z"]}
+    words = {"shape": PROBE_SHAPES, "profile": PROFILE_ENTRIES, "name": ["Z"], "mains_Hz": [50.0]}
     if value is None:
         yield {} if said.example is None else said.example
     elif isinstance(value, bool):

@@ -33,6 +33,9 @@ def options(reading=lambda charge: charge):
     return ",".join(f"{n}={reading(q):.9f}" for n, q in zip("ABCD", charges, strict=True))
 
 
+CHARGES_OF_TOUCH = options()
+
+
 def table(charges=CHARGES, touches=TOUCHES, also=("rotation_deg",)):
     """A CSV text of readings, with some of the touches' quantities."""
     known = [touches[: len(charges), NAMES.index(name)] for name in also]
@@ -295,6 +298,22 @@ def test_the_unit_is_that_of_the_readout_unless_the_readings_contradict(
     if code == 0:
         [best] = one.json["touches"]
         assert [best[name] for name in NAMES] == pytest.approx(TOUCH[0], abs=1e-3)
+
+
+@pytest.mark.parametrize("options", [["--quick"], []])
+def test_errors_of_the_calibration_are_in_the_deviations_unless_left_out(run, command, options):
+    """Gains have 10 %, and the charges have the default noise of 1 %."""
+    with open("scene.toml", "a") as file:
+        file.write('[calibration]\nkeys = ["readout.gain.A", "readout.gain.B"]\n')
+        file.write("deviations = [0.1, 0.1]\n")
+    without = ["--without-calibration"]
+    tables = [rows_of(run(table(), *options, *more).out) for more in ([], without)]
+    for row, exact in zip(*tables, strict=True):
+        assert float(row["x_deviation_mm"]) > 1.5 * float(exact["x_deviation_mm"])
+        assert float(row["x_mm"]) == pytest.approx(float(exact["x_mm"]), abs=5e-3)
+    charges = ["locate", "scene.toml", "--charges", CHARGES_OF_TOUCH, "--json"]
+    found = [command(*charges, *more).json["deviations"]["x_mm"] for more in ([], without)]
+    assert found[0] > 1.5 * found[1]
 
 
 @pytest.mark.parametrize("unit", ["--unit V", ""])

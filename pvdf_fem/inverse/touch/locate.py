@@ -30,6 +30,8 @@ from pvdf_fem.inverse.touch.measurement import (
 from pvdf_fem.inverse.touch.search import (
     DEFAULT_OPTIONS,
     LocateOptions,
+    evaluate_ends,
+    find_distinct_ends,
     make_location,
     search_everywhere,
 )
@@ -331,10 +333,16 @@ def _locate_by_solves(
             tolerance=options.tolerance,
             before_solve=SolveCounter(show, expected),
         )
-        problem = request.make_measurement(response).make_problem(request.row, response.unknown)
+        plain = replace(request, include_calibration=False)
+        problem = plain.make_measurement(response).make_problem(request.row, response.unknown)
         ends = None
         if problem.is_determinable:
             ends = search_touches_by_solves(problem, response, options)
+        if ends is not None and request.include_calibration and scene.calibration is not None:
+            # The search takes no account of these errors, whose derivatives need further solves.
+            distinct = ends.select(find_distinct_ends(problem, ends, options))
+            problem = request.make_measurement(response).make_problem(request.row, response.unknown)
+            ends = evaluate_ends(problem, distinct)
         return make_location(problem, ends, options)
 
 

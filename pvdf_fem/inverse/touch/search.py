@@ -288,6 +288,16 @@ def describe_touches(problem: LocationProblem, ends: SearchResult) -> TouchDescr
     )
 
 
+def evaluate_ends(problem: LocationProblem, ends: SearchResult) -> SearchResult:
+    """Return end points of searches with the residuals and derivatives of another problem."""
+    system = problem.linearise(ends.coordinates)
+    return replace(
+        ends,
+        jacobian=system[:, :, 1:],
+        chi_square=np.square(system[:, :, 0]).sum(axis=1),
+    )
+
+
 def find_distinct_ends(
     problem: LocationProblem, ends: SearchResult, options: LocateOptions
 ) -> Indices:

@@ -7,7 +7,7 @@ of the charges.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -26,6 +26,12 @@ from pvdf_fem.solver.nonlinear.status import NotConvergedError
 from pvdf_fem.solver.sensitivity.parameters import list_parameters
 from pvdf_fem.solver.sensitivity.rates import compute_charge_rates
 from pvdf_fem.surrogate.charge_function import count_probes
+from pvdf_fem.surrogate.charge_sensitivity import (
+    differentiate_charges,
+    list_film_keys,
+    require_derivatives,
+    solve_unloaded_film,
+)
 from pvdf_fem.surrogate.touch_domain import (
     TOUCH_QUANTITIES,
     Domain,
@@ -184,7 +190,7 @@ class SolvedResponse:
         for index, touch in enumerate(touches):
             self.before_solve()
             try:
-                scene = self._make_scene(touch)
+                scene = self.make_scene(touch)
                 solution = solve_outputs(Problem.from_scene(scene))
                 rates = compute_charge_rates(solution, keys)
             except (SceneError, NotConvergedError):
@@ -193,12 +199,56 @@ class SolvedResponse:
             charges[index] = list(solution.charges_pC.values())
         return charges, derivatives
 
-    def _make_scene(self, touch: Array) -> Scene:
+    @cached_property
+    def sensitivities(self) -> SolvedSensitivities:
+        """Derivatives of the charges with respect to the film's keys in ``[calibration]``."""
+        return SolvedSensitivities(self, list_film_keys(self.scene))
+
+    def make_scene(self, touch: Array) -> Scene:
         """Return the scene with the quantities of a touch of shape (k,), and with `error_bound`."""
         changes: dict[str, Any] = {"numerics.tolerance": self.error_bound}
         for name, value in zip(self.quantity_names, touch.tolist(), strict=True):
             changes[_make_quantity_key(name)] = value
         return self.scene.with_(**changes)
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedSensitivities:
+    """Derivatives of charges with respect to parameters of the film, by a solve of each touch."""
+
+    response: SolvedResponse
+    keys: tuple[str, ...]  #: Keys of the parameters in the scene.
+
+    def select(self, keys: Sequence[str]) -> SolvedSensitivities:
+        """Return the derivatives with respect to some of the keys, in their order.
+
+        A `ValueError` is raised if charges have no derivative with respect to a key.
+        """
+        require_derivatives(self.response.scene, keys)
+        return replace(self, keys=tuple(keys))
+
+    @cached_property
+    def unloaded_slopes(self) -> Array:
+        """Derivatives of the charges of the unloaded film, shape (electrodes, keys)."""
+        return solve_unloaded_film(self.response.scene, self.keys)[:, 1:]
+
+    def evaluate(self, touches: Array, charges_pC: Array, slopes: Array) -> Array:
+        """Solve the derivatives of the changes of the charges.
+
+        Parameters and result are those of `ChargeSensitivities.evaluate`; only the touches are
+        used. The derivatives are zero for a touch whose scene is invalid or has no solution.
+        """
+        derivatives = np.zeros((*charges_pC.shape, len(self.keys)))
+        for index, touch in enumerate(touches):
+            self.response.before_solve()
+            try:
+                scene = self.response.make_scene(touch)
+                solution = solve_outputs(Problem.from_scene(scene))
+                total = differentiate_charges(solution, self.keys)
+            except (SceneError, NotConvergedError):
+                continue
+            derivatives[index] = total - self.unloaded_slopes
+        return derivatives
 
 
 def make_single_probe_scene(scene: Scene, probe_index: int) -> Scene:

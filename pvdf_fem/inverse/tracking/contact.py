@@ -8,13 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.arrays import Mask
 from pvdf_fem.inverse.tracking.charges.charge_record import ChargeRecord
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.problem.contact_problem import CandidateTouches, ContactProblem
 from pvdf_fem.inverse.tracking.problem.force_curve import ForceCurve
 from pvdf_fem.inverse.tracking.signal.baseline import BaselineSnapshot
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 #: Number of samples after which the errors of an explained contact are checked again.
@@ -142,6 +143,8 @@ class Contact:
         Channels that have a baseline; the others count as missing.
     onset_s : float
         Time just before the first sample.
+    detected_at_s : float
+        Time of the sample with which the contact was detected.
     """
 
     def __init__(
@@ -152,8 +155,10 @@ class Contact:
         baseline: BaselineSnapshot,
         is_settled: Mask,
         onset_s: float,
+        detected_at_s: float,
     ) -> None:
         self.options = problem.options
+        self.detected_at_s = detected_at_s
         self.circuit = circuit
         self.baseline = baseline
         self.is_settled = is_settled
@@ -167,26 +172,15 @@ class Contact:
         self.was_clipped = np.zeros(len(residual), dtype=bool)
         self.was_missing = ~is_settled
 
-    def add(
-        self, time_s: float, voltages: Array, is_clipped: Mask, interval_s: float
-    ) -> ChargeSample:
+    def add(self, sample: FilteredSample, interval_s: float) -> None:
         """Record a sample and update the location.
 
         Parameters
         ----------
-        time_s : float
-            Time of the sample.
-        voltages : ndarray, shape (electrodes,)
-            Voltages of the channels in V; NaN where they are missing.
-        is_clipped : ndarray of bool, shape (electrodes,)
-            Whether a voltage is only a limit of the true one.
+        sample : FilteredSample
+            Voltages of the channels.
         interval_s : float
             Sampling interval.
-
-        Returns
-        -------
-        ChargeSample
-            The charges since the onset.
 
         Notes
         -----
@@ -196,35 +190,35 @@ class Contact:
         record = self.record
         baseline = self.baseline
         circuit = self.circuit
+        time_s = sample.time_s
+        voltages = np.array(sample.voltages)
         elapsed_s = time_s - record.onset_s
         error_V = baseline.noise_V * baseline.compute_relative_errors(time_s, interval_s)
         error_V = np.where(self.is_settled, error_V, 0.0)
         drift_pC = (circuit.capacitance + circuit.conductance * elapsed_s) * error_V
         above_line = np.where(self.is_settled, voltages - baseline.predict_line(time_s), np.nan)
-        is_clipped = is_clipped & self.is_settled
+        is_clipped = np.array(sample.is_clipped) & self.is_settled
         self.was_clipped |= is_clipped
         self.was_missing |= np.isnan(above_line)
+        self._mark_clipped(sample.clipped_before)
         step_s = time_s - record.end_s
-        sample = record.add(
+        charges = record.add(
             time_s, above_line, is_clipped, noise_V=baseline.noise_V, drift_pC=drift_pC
         )
-        self.locator.update(record, sample, step_s)
-        return sample
+        self.locator.update(record, charges, step_s)
 
-    def mark_clipped(self, counts: Sequence[int], later_count: int = 0) -> None:
-        """Mark voltages as clipped that have been recorded as values.
+    def _mark_clipped(self, counts: Sequence[int]) -> None:
+        """Mark the last voltages as clipped that have been recorded as values.
 
         Parameters
         ----------
         counts : sequence of int
-            Number of such samples, by channel.
-        later_count : int
-            Number of samples that have been recorded after them.
+            Number of samples, by channel; empty if there are none.
         """
         for number, count in enumerate(counts):
             if count:
                 self.was_clipped[number] = True
-                self.record.mark_clipped(number, count + later_count)
+                self.record.mark_clipped(number, count)
 
     def exclude_channel(self, number: int) -> None:
         """Count a channel as missing in all samples, also in those before."""

@@ -10,16 +10,14 @@ estimates position and force. The readings are those of the channels of the resp
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from pvdf_fem.electrodes.channel import get_reading_unit, make_channels
 from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.contact import Contact
-from pvdf_fem.inverse.tracking.contact_detector import VoltageSample
 from pvdf_fem.inverse.tracking.contact_watch import ContactWatch
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
 from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
@@ -39,6 +37,10 @@ from pvdf_fem.inverse.tracking.stream_notes import StreamNotes
 from pvdf_fem.scene.arguments import Names, as_response, coerce
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.surrogate.charge_function import ChargeFunction
+
+#: Largest number of samples that one call of `Tracker.update` processes; others wait for the next.
+#: When the baseline is learned, or a contact begins slowly, a tenth of a second of samples is due.
+MAX_SAMPLES_AT_ONCE = 100
 
 
 class Tracker:
@@ -116,6 +118,8 @@ class Tracker:
         self._contact: Contact | None = None
         self._relearning: Settling | None = None  # During a contact that may be over.
         self._settled_at_s = math.nan
+        #: Samples that are decided, but not processed yet.
+        self._waiting: deque[FilteredSample] = deque()
         self._row = TrackRow(math.nan, TrackStatus.SETTLING)
         self._notes = StreamNotes()
         self._unexplained_peaks: list[ChargeSample] = []
@@ -173,10 +177,14 @@ class Tracker:
         ValueError
             If a name is unknown, or the number of readings is wrong.
         """
-        samples = self._signal.receive(t, self._input.compute_voltages(readings))
-        for sample in samples:
-            self._process(sample)
-        if not samples:
+        waiting = self._waiting
+        waiting.extend(self._signal.receive(t, self._input.compute_voltages(readings)))
+        is_behind = not waiting
+        for _ in range(MAX_SAMPLES_AT_ONCE):
+            if not waiting:
+                break
+            self._process(waiting.popleft())
+        if is_behind or waiting:
             self._row = replace(self._row, t_s=t)
         return self._row
 
@@ -191,8 +199,9 @@ class Tracker:
         TrackRow
             State at the end, as by `update`.
         """
-        for sample in self._signal.flush():
-            self._process(sample)
+        self._waiting.extend(self._signal.flush())
+        while self._waiting:
+            self._process(self._waiting.popleft())
         if self._contact:
             self._notes.add("a contact had not ended when the readings ended")
             self._finish_contact(self._contact, TrackStatus.LOST)
@@ -241,8 +250,8 @@ class Tracker:
             self._options,
             verification_s=self._settling_s / 2.0,
         )
-        for sample in self._signal.begin_to_remove_spikes(settled.pending):
-            self._process(sample)
+        decided = self._signal.begin_to_remove_spikes(settled.pending, self._waiting)
+        self._waiting = deque(decided)
 
     def _report_touch_while_settling(self, begin_s: float, end_s: float) -> None:
         """Append a touch that began while the baseline was learned to `touches`, without position.
@@ -297,8 +306,8 @@ class Tracker:
         missing = self._results.list_missing(sample)
         self._row = TrackRow(sample.time_s, TrackStatus.QUIET, missing=missing)
 
-    def _begin_contact(self, samples: Sequence[VoltageSample], watch: ContactWatch) -> None:
-        """Begin a contact with its first samples."""
+    def _begin_contact(self, samples: Sequence[FilteredSample], watch: ContactWatch) -> None:
+        """Begin a contact, and let its first samples be processed next."""
         first = samples[0]
         contact = Contact(
             self._problem,
@@ -306,27 +315,11 @@ class Tracker:
             baseline=self._baseline.take_snapshot(watch.detector.drift_errors),
             is_settled=self._baseline.is_settled,
             onset_s=first.time_s - self._signal.interval_s,
+            detected_at_s=samples[-1].time_s,
         )
         contact.begins_in_pause = first.time_s < watch.unverified_until_s
         self._contact = contact
-        for sample in samples:
-            self._add_to_contact(sample, contact)
-        contact.mark_clipped(self._signal.filter.take_unmarked_counts(), later_count=1)
-        self._update_contact_row(samples[-1], contact)
-
-    def _add_to_contact(self, sample: VoltageSample | FilteredSample, contact: Contact) -> None:
-        """Add a sample to a contact."""
-        contact.add(
-            sample.time_s,
-            np.array(sample.voltages),
-            np.array(sample.is_clipped),
-            interval_s=self._signal.interval_s,
-        )
-
-    def _update_contact_row(self, sample: VoltageSample | FilteredSample, contact: Contact) -> None:
-        """Make the row of the last sample of a contact."""
-        number = len(self.touches) + 1
-        self._row = self._results.make_contact_row(sample, contact, number)
+        self._waiting.extendleft(reversed(samples))
 
     def _continue_contact(self, sample: FilteredSample, contact: Contact) -> None:
         """Process a sample during a contact, and finish the contact if it has ended or is lost.
@@ -338,6 +331,10 @@ class Tracker:
         contact : Contact
             Contact in progress.
         """
+        if sample.time_s <= contact.detected_at_s:
+            contact.add(sample, self._signal.interval_s)
+            self._row = self._results.make_contact_row(sample, contact, len(self.touches) + 1)
+            return
         pause_s = sample.time_s - contact.record.end_s
         if contact.is_lost_by_pause(pause_s):
             self._finish_contact(contact, TrackStatus.LOST)
@@ -345,9 +342,8 @@ class Tracker:
             return
         if pause_s > MIN_PAUSE_INTERVALS * self._signal.interval_s:
             contact.record.note_pause(pause_s)
-        contact.mark_clipped(self._signal.filter.take_unmarked_counts())
         self._exclude_channels_without_signal(contact)
-        self._add_to_contact(sample, contact)
+        contact.add(sample, self._signal.interval_s)
         self._exclude_stepped_channel(contact)
         if contact.was_only_a_step:
             self._finish_contact(contact)
@@ -360,7 +356,7 @@ class Tracker:
             self._finish_contact(contact, TrackStatus.LOST)
             self._row = TrackRow(sample.time_s, TrackStatus.LOST)
         else:
-            self._update_contact_row(sample, contact)
+            self._row = self._results.make_contact_row(sample, contact, len(self.touches) + 1)
             self._relearn_baseline(sample, contact)
 
     def _relearn_baseline(self, sample: FilteredSample, contact: Contact) -> None:

@@ -54,9 +54,9 @@ class CalibratedParameters(Section):
     ``readout.offset_V.A``, ``stage.x_mm``, ``stage.y_mm`` and ``stage.rotation_deg``."""
     deviations: Annotated[tuple[Finite, ...], AfterValidator(_check_deviations), Key()] = ()
     """Standard deviation of each value, in the unit of its key."""
-    correlations: Annotated[tuple[tuple[Finite, ...], ...] | None, Key()] = None
+    correlations: Annotated[tuple[tuple[Finite, ...], ...] | None, Key(example=[[1.0]])] = None
     """Matrix of the correlations of the values, by default without any."""
-    date: Annotated[str | None, Key()] = None
+    date: Annotated[str | None, Key(example="2026-11-28")] = None
     """Date of the calibration, for information."""
 
     @model_validator(mode="after")

@@ -191,3 +191,32 @@ def test_charges_below_those_without_any_touch_have_no_location():
     location = locate(TWO_PROBES, charges, 1e-3, touches=2, options=QUICK)
     assert location.touches == ()
     assert location.status == "no_touch_found"
+
+
+def test_an_uncertain_modulus_of_the_film_is_in_the_deviations():
+    """A deviation of the modulus shifts the force as much as charges of such a film do."""
+    truth = {"probe.x_mm": 5.0, "probe.y_mm": 3.0}
+    table = {"keys": ["film.youngs_modulus_GPa"], "deviations": [0.1]}
+    scene = EIGHT_ELECTRODES.with_(calibration=table)
+    forces = []
+    for modulus in (2.0, 2.1):
+        stiffer = EIGHT_ELECTRODES.with_(truth, **{"film.youngs_modulus_GPa": modulus})
+        location = locate(
+            EIGHT_ELECTRODES, solve(stiffer).charges_pC, 1e-2, options=QUICK, noise_pC=0.0
+        )
+        forces.append(location.best.force_N)
+    exact = locate(
+        scene,
+        solve(EIGHT_ELECTRODES.with_(truth)).charges_pC,
+        1e-2,
+        options=QUICK,
+        include_calibration=False,
+    )
+    found = locate(
+        scene, solve(EIGHT_ELECTRODES.with_(truth)).charges_pC, 1e-2, options=QUICK, noise_pC=0.0
+    )
+    expected = np.hypot(exact.deviations["force_N"], forces[1] - forces[0])
+    assert expected > 1.5 * exact.deviations["force_N"]
+    assert found.deviations["force_N"] == pytest.approx(expected, rel=0.05)
+    assert found.best.values == pytest.approx(exact.best.values, abs=1e-3)
+    assert found.explained

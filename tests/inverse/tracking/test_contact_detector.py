@@ -3,31 +3,34 @@
 import numpy as np
 import pytest
 
-from pvdf_fem.inverse.tracking.contact_detector import ContactDetector, VoltageSample
+from pvdf_fem.inverse.tracking.contact_detector import ComparedSample, ContactDetector
 from pvdf_fem.inverse.tracking.options import TrackOptions
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 
-NO_ERRORS = [0.0, 0.0]
 MANY = 10**6  #: So many samples that the noise is known.
 
 
 def make_detector(probability, longest_window=64, channel_count=2):
     """Make a detector with a probability of a false alarm in each sample."""
     options = TrackOptions(false_alarm_probability=probability)
-    return ContactDetector(channel_count, longest_window, options)
+    detector = ContactDetector(channel_count, longest_window, options)
+    detector.set_errors([0.0] * channel_count, MANY)
+    return detector
 
 
 def add(detector, number, deviations):
     """Add a sample."""
-    deviations = list(deviations)
-    detector.add(VoltageSample(1e-3 * number, deviations, [False] * len(deviations), deviations))
+    voltages = [float(deviation) for deviation in deviations]
+    sample = FilteredSample(1e-3 * number, voltages, [False] * len(voltages))
+    detector.add(ComparedSample(sample, voltages))
 
 
-def count_alarms(detector, deviations, *, errors=NO_ERRORS, noise_count=MANY):
+def count_alarms(detector, deviations):
     """Count the samples at which a contact is detected; the detector goes on."""
     alarms = 0
     for number, row in enumerate(deviations):
         add(detector, number, row)
-        alarms += detector.exceeds_threshold(errors, noise_count)
+        alarms += detector.exceeds_threshold()
         if detector.is_full:
             detector.remove_oldest()
     return alarms
@@ -51,8 +54,9 @@ def test_false_alarms_of_an_estimated_noise_are_as_rare_as_stated(noise_count):
     for _ in range(repetitions):
         detector = make_detector(probability, longest_window=1, channel_count=1)
         noise = np.sqrt(rng.chisquare(noise_count - 2) / (noise_count - 2))
+        detector.set_errors([0.0], noise_count)
         add(detector, 0, rng.standard_normal(1) / noise)
-        alarms += detector.exceeds_threshold([0.0], noise_count)
+        alarms += detector.exceeds_threshold()
     expected = probability * repetitions
     assert abs(alarms - expected) < 4.0 * expected**0.5
 
@@ -61,9 +65,9 @@ def test_the_threshold_follows_the_number_of_noise_samples_up_and_down():
     """Deviations of 7 are a contact if the noise is known, and may be noise after 8 samples."""
     detector = make_detector(1e-7, longest_window=4, channel_count=1)
     add(detector, 0, [7.0])
-    assert detector.exceeds_threshold([0.0], MANY)
-    assert not detector.exceeds_threshold([0.0], 8)
-    assert detector.exceeds_threshold([0.0], 10 * MANY)
+    for noise_count, is_contact in ((MANY, True), (8, False), (10 * MANY, True)):
+        detector.set_errors([0.0], noise_count)
+        assert detector.exceeds_threshold() == is_contact
 
 
 def test_a_weak_contact_is_detected_by_a_long_window():
@@ -83,7 +87,9 @@ def test_errors_of_the_baseline_are_no_contact():
     """A mean of one deviation is expected if the error of the baseline is one deviation."""
     deviations = np.full((64, 2), 1.0)
     assert count_alarms(make_detector(1e-7), deviations) > 0
-    assert count_alarms(make_detector(1e-7), deviations, errors=[1.0, 1.0]) == 0
+    detector = make_detector(1e-7)
+    detector.set_errors([1.0, 1.0], MANY)
+    assert count_alarms(detector, deviations) == 0
 
 
 def test_a_slow_drift_widens_the_detector():
@@ -115,7 +121,7 @@ def test_the_samples_of_a_contact_are_counted_with_a_margin(contact_count):
     for number, noise in enumerate(rng.standard_normal((64, 2))):
         is_contact = number >= 64 - contact_count
         add(detector, number, noise + [12.0 * is_contact, -5.0 * is_contact])
-    counted = detector.count_contact_samples(np.zeros(2))
+    counted = detector.count_contact_samples()
     expected = contact_count + contact_count // 4 + 2
     assert abs(counted - expected) <= 1
 
@@ -129,11 +135,10 @@ def test_samples_come_out_as_they_went_in():
     for number, row in enumerate(deviations):
         add(detector, number, row)
         if detector.is_full:
-            assert detector.remove_oldest().deviations == deviations[number - 16].tolist()
-        assert len(detector.samples) < 100
+            assert detector.remove_oldest().voltages == deviations[number - 16].tolist()
     assert len(detector) == 16
-    last = [sample.deviations for sample in detector.get_samples()]
+    last = [sample.voltages for sample in detector.get_samples()]
     np.testing.assert_array_equal(last, deviations[-16:])
     detector.clear()
     assert len(detector) == 0
-    assert not detector.exceeds_threshold(NO_ERRORS, MANY)
+    assert not detector.exceeds_threshold()

@@ -20,8 +20,9 @@ MIN_FROZEN_READINGS = 4  #: Fewer equal readings do not count as frozen.
 #: The same for equal readings at the extreme of a channel, which is then clipped.
 CLIPPED_PROBABILITY = 1e-6
 MIN_CLIPPED_READINGS = 3
-#: The same if the two changes before them were larger, in noise deviations or steps.
-MIN_ABRUPT_CHANGE = 8.0
+#: The same if the two changes before them were larger, in noise deviations or steps. Three equal
+#: readings at the peak of a parabola follow on changes of five steps at most.
+MIN_ABRUPT_CHANGE = 6.0
 #: A channel whose noise is smaller than this number of its steps often repeats a reading, so that it
 #: is not found to be frozen.
 MIN_NOISE_STEPS = 2.0
@@ -74,8 +75,7 @@ class ChannelFilter:
         self._rise_V = math.inf  # Sum of the last two differences.
         self._step_V = math.inf  # Smallest difference of two readings in a row.
         self.repeat_count = 1  #: Number of equal readings in a row.
-        # Readings of the plateau in progress before the last one, if its limit is learned.
-        self._unmarked_count = 0
+        self._unmarked_count = 0  # Readings at a limit that was learned with the last one.
         self._equal_count = 1.0
         self._reading_count = 2.0
         self.validity = Validity.VALUE  #: Validity of the last reading.
@@ -128,10 +128,9 @@ class ChannelFilter:
         if voltage > self.high_V or voltage < self.low_V:
             # The learned limit was a frozen channel.
             self.low_V, self.high_V = self._range
-        if self._is_plateau():
+        if self.low_V < voltage < self.high_V and self._is_plateau():
             self._learn_limit(voltage)
-        is_within_limits = self.low_V < voltage < self.high_V
-        if not is_within_limits:
+        if not self.low_V < voltage < self.high_V:
             return Validity.CLIPPED
         return Validity.FROZEN if self._is_frozen() else Validity.VALUE
 
@@ -144,7 +143,6 @@ class ChannelFilter:
             self._equal_count /= 2.0
             self._reading_count /= 2.0
         self.repeat_count = 1
-        self._unmarked_count = 0
 
     def _is_plateau(self) -> bool:
         """Whether readings are equal although they were changing quickly just before.
@@ -192,11 +190,15 @@ class ChannelFilter:
             return
         self._unmarked_count = self.repeat_count - 1
 
-    def take_unmarked_count(self) -> int:
-        """Return how many readings before the last one are clipped by the limit of a plateau.
+    def forget_extremes(self) -> None:
+        """Forget the extreme voltages, after one of them was a spike."""
+        self._min_V = math.inf
+        self._max_V = -math.inf
 
-        The first of them were classified as values, because the limit was not known yet. The number
-        is returned once, and only while the plateau lasts.
+    def take_unmarked_count(self) -> int:
+        """Return how many readings before the last one are clipped though classified as values.
+
+        The limit has been learned from them and the last one; afterwards the number is 0.
         """
         count = self._unmarked_count
         self._unmarked_count = 0
@@ -243,6 +245,7 @@ class ReadingFilter:
         """
         marked = list(voltages)
         is_clipped = [False] * len(marked)
+        clipped_before: Sequence[int] = ()
         if all(map(math.isnan, marked)):
             return FilteredSample(time_s, marked, is_clipped, follows_pause)
         for number, channel in enumerate(self.channels):
@@ -254,7 +257,11 @@ class ReadingFilter:
                 continue
             if validity is Validity.CLIPPED:
                 is_clipped[number] = True
-                self.clipped_counts[number] += 1
+                unmarked_count = channel.take_unmarked_count()
+                self.clipped_counts[number] += 1 + unmarked_count
+                if unmarked_count:
+                    clipped_before = list(clipped_before or [0] * len(marked))
+                    clipped_before[number] = unmarked_count
                 continue
             marked[number] = math.nan
             if validity is Validity.MISSING and not math.isnan(voltages[number]):
@@ -262,11 +269,16 @@ class ReadingFilter:
             elif validity is Validity.FROZEN:
                 self.frozen_counts[number] += 1
                 self._mark_held_as_missing(number, channel.repeat_count)
-        return FilteredSample(time_s, marked, is_clipped, follows_pause)
+        return FilteredSample(time_s, marked, is_clipped, follows_pause, clipped_before)
 
-    def take_unmarked_counts(self) -> list[int]:
-        """Return `ChannelFilter.take_unmarked_count` of all channels."""
-        return [channel.take_unmarked_count() for channel in self.channels]
+    def remove_spikes(self, sample: FilteredSample, interval_s: float) -> list[FilteredSample]:
+        """Remove spikes, and return the samples that are decided; see `SpikeFilter.receive`."""
+        count = self.spikes.total_count
+        decided = self.spikes.receive(sample, interval_s)
+        if self.spikes.total_count > count:
+            for channel in self.channels:
+                channel.forget_extremes()
+        return decided
 
     def _return_from_outage(self, number: int, time_s: float, voltage: float) -> None:
         """Forget the baseline of a channel that has returned with another offset.

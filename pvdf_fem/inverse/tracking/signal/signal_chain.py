@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -33,16 +33,13 @@ class SignalChain:
 
     def __init__(self, circuit: ReadoutCircuit, baseline: Baseline, hum: MainsHum) -> None:
         self.clock = SampleClock()
+        #: Sampling interval in s; infinite until it has been learned.
+        self.interval_s = math.inf
         self.hum = hum
         self.filter = ReadingFilter(circuit, baseline)
         #: Whether spikes are removed; while the baseline is learned, its noise is not known.
         self.removes_spikes = False
         self._last_time_s = math.inf  # Time of the last sample with readings.
-
-    @property
-    def interval_s(self) -> float:
-        """Sampling interval in s; infinite until it has been learned."""
-        return self.clock.interval_s
 
     def describe(self, names: Sequence[str]) -> list[str]:
         """Return a sentence for each kind of fault that was found and repaired.
@@ -70,35 +67,46 @@ class SignalChain:
             None while samples are held back. A sample without any reading has only NaN.
         """
         samples: list[FilteredSample] = []
-        for stamped in self.clock.receive(stamp_s, voltages):
+        stamped_samples = self.clock.receive(stamp_s, voltages)
+        self.interval_s = self.clock.interval_s
+        for stamped in stamped_samples:
             samples.extend(self._filter(stamped))
         return samples
 
-    def begin_to_remove_spikes(self, samples: Sequence[FilteredSample]) -> list[FilteredSample]:
+    def begin_to_remove_spikes(
+        self, learned: Iterable[FilteredSample], later: Iterable[FilteredSample]
+    ) -> list[FilteredSample]:
         """Remove spikes from now on, since the noise of the baseline is known.
 
         Parameters
         ----------
-        samples : sequence of FilteredSample
-            Samples that were received since the baseline was learned.
+        learned : iterable of FilteredSample
+            Last samples from which hum was learned; it is already subtracted from them.
+        later : iterable of FilteredSample
+            Samples that were received after them.
 
         Returns
         -------
         list of FilteredSample
-            Those of the samples that are decided. Others are held back: they may be a spike.
+            Those of the samples that are decided. The last ones are held back if they may be a
+            spike.
         """
         if self.removes_spikes:
-            return list(samples)  # They come from the filter.
+            return [*learned, *later]  # They have passed the filters.
         self.removes_spikes = True
         decided = []
-        for sample in samples:
-            decided.extend(self.filter.spikes.receive(sample, self.interval_s))
+        for sample in learned:
+            decided.extend(self.filter.remove_spikes(sample, self.interval_s))
+        for sample in later:
+            decided.extend(self._clean(sample))
         return decided
 
     def flush(self) -> list[FilteredSample]:
         """Return the samples that are held back at the end of the stream."""
         samples: list[FilteredSample] = []
-        for stamped in self.clock.flush():
+        stamped_samples = self.clock.flush()
+        self.interval_s = self.clock.interval_s
+        for stamped in stamped_samples:
             samples.extend(self._filter(stamped))
         return [*samples, *self.filter.spikes.flush()]
 
@@ -109,13 +117,18 @@ class SignalChain:
         is_pause = pause_s > MIN_PAUSE_INTERVALS * self.interval_s
         follows_pause = is_pause or stamped.event is ClockEvent.RESTART
         sample = self.filter.mark(time_s, stamped.values, follows_pause)
+        if not sample.has_no_reading:
+            self._last_time_s = time_s
+        return self._clean(sample)
+
+    def _clean(self, sample: FilteredSample) -> list[FilteredSample]:
+        """Remove hum and spikes from a sample, and return the samples that are decided."""
         if sample.has_no_reading:
             return [sample]
-        self._last_time_s = time_s
         sample = self._subtract_hum(sample)
         if not self.removes_spikes:
             return [sample]
-        return self.filter.spikes.receive(sample, self.interval_s)
+        return self.filter.remove_spikes(sample, self.interval_s)
 
     def _subtract_hum(self, sample: FilteredSample) -> FilteredSample:
         """Return a sample without the mains hum, if it has been learned."""

@@ -44,6 +44,11 @@ class SpikeFilter:
         self.spike_counts = [0] * count  #: Number of readings that were spikes, by channel.
 
     @property
+    def total_count(self) -> int:
+        """Number of readings of all channels that were spikes."""
+        return sum(self.spike_counts)
+
+    @property
     def held(self) -> list[FilteredSample]:
         """Samples that are held back, the oldest first."""
         return self._held

@@ -85,7 +85,10 @@ def make_touch(height_V, limit_V, count=200, seed=0):
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_plateau_at_the_extreme_is_learned_as_a_limit(sign):
-    """All readings of the plateau are clipped, or counted as unmarked once it is learned."""
+    """All readings of the plateau are clipped; the first ones are when the third is.
+
+    They are counted once, so that they can be marked afterwards.
+    """
     limit_V = 0.6
     channel_filter = make_channel_filter()
     touch = sign * make_touch(1.0, limit_V)
@@ -100,18 +103,26 @@ def test_a_plateau_at_the_extreme_is_learned_as_a_limit(sign):
             continue
         plateau_count += 1
         assert validity is (Validity.VALUE if plateau_count < 3 else Validity.CLIPPED)
-        assert unmarked_count == (0 if plateau_count < 3 else plateau_count - 1)
+        assert unmarked_count == (2 if plateau_count == 3 else 0)
     # In the next touch the limit is known from its first reading on.
     touch = sign * make_touch(1.0, limit_V, seed=1)
     validities = np.array(classify(channel_filter, touch))
     assert set(validities[np.abs(touch) == limit_V]) == {Validity.CLIPPED}
 
 
-def test_readings_of_a_plateau_that_has_ended_are_not_unmarked():
-    """They would be counted among the samples of the next contact."""
-    channel_filter = make_channel_filter()
-    classify(channel_filter, [*make_noise(500), *make_touch(1.0, 0.6), *make_noise(20, seed=2)])
-    assert channel_filter.take_unmarked_count() == 0
+def test_a_sample_says_which_samples_before_it_were_clipped():
+    reading_filter, _ = make_reading_filter()
+    touch = make_touch(1.0, 0.6)
+    noise = make_noise(700, seed=1)
+    counts = []
+    for number, voltage in enumerate([*make_noise(500), *touch]):
+        voltages = [float(noise[number]), float(voltage)]
+        sample = reading_filter.mark(INTERVAL_S * number, voltages, follows_pause=False)
+        counts.append(tuple(sample.clipped_before))
+    first = 500 + int(np.argmax(touch == 0.6))
+    assert counts[first + 2] == (0, 2)
+    assert set(counts[: first + 2] + counts[first + 3 :]) == {()}
+    assert reading_filter.clipped_counts == [0, int((touch == 0.6).sum())]
 
 
 def test_a_limit_is_forgotten_when_a_reading_exceeds_it():
