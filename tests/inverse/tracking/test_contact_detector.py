@@ -8,6 +8,7 @@ from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 
 MANY = 10**6  #: So many samples that the noise is known.
+CONTACT = np.array([12.0, -5.0])  #: Deviations of a strong contact.
 
 
 def make_detector(probability, longest_window=64, channel_count=2):
@@ -120,7 +121,7 @@ def test_the_samples_of_a_contact_are_counted_with_a_margin(contact_count):
     detector = make_detector(1e-7)
     for number, noise in enumerate(rng.standard_normal((64, 2))):
         is_contact = number >= 64 - contact_count
-        add(detector, number, noise + [12.0 * is_contact, -5.0 * is_contact])
+        add(detector, number, noise + is_contact * CONTACT)
     counted = detector.count_contact_samples()
     expected = contact_count + contact_count // 4 + 2
     assert abs(counted - expected) <= 1
