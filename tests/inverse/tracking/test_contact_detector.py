@@ -106,7 +106,8 @@ def test_a_slow_drift_widens_the_detector():
     assert drift[0] == pytest.approx(size, rel=0.6)
     assert drift[1] < 0.1
     # A step of four such deviations is a contact of a quiet baseline only.
-    step = rng.standard_normal((64, 2)) + [2.0, 0.0]
+    step = rng.standard_normal((64, 2))
+    step[:, 0] += 2.0
     assert count_alarms(make_detector(1e-7), step) > 0
     assert count_alarms(detector, step) == 0
     # Without the drift it becomes sensitive again.
