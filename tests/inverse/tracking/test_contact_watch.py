@@ -9,7 +9,7 @@ import pytest
 from pvdf_fem.inverse.tracking.contact_watch import ContactWatch
 from pvdf_fem.inverse.tracking.options import DEFAULTS
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
-from tests.helpers.baselines import make_circuit, make_learned_baseline
+from tests.helpers.tracking.baselines import make_circuit, make_learned_baseline
 
 INTERVAL_S = 1e-3
 NOISE_V = 1e-3

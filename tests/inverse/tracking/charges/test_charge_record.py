@@ -5,7 +5,7 @@ import pytest
 
 from pvdf_fem.inverse.tracking.charges.charge_record import ChargeRecord
 from pvdf_fem.inverse.tracking.options import DEFAULTS
-from tests.helpers.baselines import make_circuit
+from tests.helpers.tracking.baselines import make_circuit
 
 CHANNELS = 3
 NOISE_V = 1e-4

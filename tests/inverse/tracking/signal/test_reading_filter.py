@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pvdf_fem.inverse.tracking.signal.reading_filter import ChannelFilter, ReadingFilter, Validity
-from tests.helpers.baselines import make_circuit, make_learned_baseline
+from tests.helpers.tracking.baselines import make_circuit, make_learned_baseline
 
 NOISE_V = 1e-3
 INTERVAL_S = 1e-3

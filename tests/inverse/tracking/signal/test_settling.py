@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 from pvdf_fem.inverse.tracking.signal.settling import Settling
-from tests.helpers.baselines import make_circuit
+from tests.helpers.tracking.baselines import make_circuit
 
 NOISE_V = 1e-3
 MIN_NOISE_V = 1e-6

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 from pvdf_fem.inverse.tracking.signal.spike_filter import SpikeFilter
-from tests.helpers.baselines import make_circuit, make_learned_baseline
+from tests.helpers.tracking.baselines import make_circuit, make_learned_baseline
 
 NOISE_V = 1e-3
 INTERVAL_S = 1e-3
