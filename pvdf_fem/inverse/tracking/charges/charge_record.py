@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -127,7 +126,9 @@ class ChargeRecord:
             sampling_variance=integrator.sampling_variance,
             is_clipped=is_clipped,
         )
-        self._keep_peak_before_rows_are_halved()
+        if self._buffer.is_halved_by_next:
+            # The rows become coarser with this sample.
+            self._kept_peak = self.compute_peak()
         self._buffer.add(sample, voltages)
         size = math.sqrt(charges_pC @ charges_pC)
         if size > self._largest_size:
@@ -192,12 +193,6 @@ class ChargeRecord:
         self.largest = self.largest and self.largest.without_channel(number)
         if self.largest:
             self._largest_size = float(np.linalg.norm(self.largest.charges_pC))
-
-    def _keep_peak_before_rows_are_halved(self) -> None:
-        """Keep the peak of the rows if the next sample makes them coarser."""
-        buffer = self._buffer
-        if buffer.is_halved_by_next:
-            self._kept_peak = self.compute_peak()
 
     @property
     def accumulated_variance(self) -> Array:
@@ -404,14 +399,7 @@ class ChargeRecord:
         rows.drift_pC[:] = 0.0
         rows.sampling_variance[:] = corrected.sampling_variance
         if self._kept_peak is not None:
-            kept = bridge.condition(self._kept_peak)
-            self._kept_peak = replace(
-                self._kept_peak,
-                charges_pC=kept.charges_pC,
-                walk_variance=kept.walk_variance,
-                drift_pC=np.zeros_like(residual),
-                sampling_variance=float(kept.sampling_variance),
-            )
+            self._kept_peak = bridge.correct_sample(self._kept_peak)
         sizes = np.linalg.norm(rows.charges_pC, axis=1)
         self.largest = rows.get_sample(int(np.argmax(sizes)))
 

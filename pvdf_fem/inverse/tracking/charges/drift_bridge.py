@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -69,4 +69,15 @@ class Bridge:
             samples.charges_pC - self.residual * (covariance + sampling) / self.total,
             np.maximum(walk_variance, 0.0),
             sampling_variance * (1.0 - sampling_variance / self.sampling_total),
+        )
+
+    def correct_sample(self, sample: ChargeSample) -> ChargeSample:
+        """Return a copy of a sample with the corrected charges and variances."""
+        corrected = self.condition(sample)
+        return replace(
+            sample,
+            charges_pC=corrected.charges_pC,
+            walk_variance=corrected.walk_variance,
+            drift_pC=np.zeros_like(sample.drift_pC),
+            sampling_variance=float(corrected.sampling_variance),
         )
