@@ -34,7 +34,7 @@ class TrackOptions:
 
     #: A contact has ended when the mean charges of its last n samples equal those of the n samples
     #: before. The number n is at least `min_still_samples`, and this fraction of all samples.
-    min_still_samples: int = 6
+    min_still_samples: int = 4
     still_fraction: float = 1.0 / 16.0
     #: Residual charge, as a fraction of the largest charges, with which a contact has ended: the
     #: tolerances of resistances and capacitances leave as much.

@@ -173,11 +173,12 @@ class Tracker:
         ValueError
             If a name is unknown, or the number of readings is wrong.
         """
-        samples = self._signal.receive(t, self._input.compute_voltages(readings))
+        time_s = self._input.coerce_time(t)
+        samples = self._signal.receive(time_s, self._input.compute_voltages(readings))
         for sample in samples:
             self._process(sample)
         if not samples:
-            self._row = replace(self._row, t_s=t)
+            self._row = replace(self._row, t_s=time_s)
         return self._row
 
     def finish(self) -> TrackRow:
@@ -241,6 +242,7 @@ class Tracker:
             settled.sample_count,
             self._options,
             verification_s=self._settling_s / 2.0,
+            touch_sign=self._problem.touch_sign,
         )
         for pending in settled.pending:
             self._process(pending)
@@ -273,7 +275,8 @@ class Tracker:
     def _note_misreading(self) -> None:
         """Note which mistake in the readings explains the touches that were not located."""
         peaks = self._unexplained_peaks
-        if not peaks:
+        is_any_located = any(touch.status == TrackStatus.TOUCH for touch in self.touches)
+        if not peaks or is_any_located:
             return
         misreading = find_misreading(self._problem, self._channels, peaks, self._unit)
         if misreading:
