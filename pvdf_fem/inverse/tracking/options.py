@@ -47,6 +47,9 @@ class TrackOptions:
     max_residual_fraction: float = 0.1
     #: Number of samples after which a contact may end though its charges never exceeded the noise.
     patience_samples: int = 100
+    #: A channel is frozen and not clipped if the charges of the others are a smaller fraction of the
+    #: largest ones.
+    max_clipped_fraction: float = 0.3
     #: A channel has stepped if only its charge is left at the end: more than this number of standard
     #: deviations and this fraction of the largest charges. Those of the others are negligible, or
     #: within three deviations.

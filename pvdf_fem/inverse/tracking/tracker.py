@@ -29,10 +29,10 @@ from pvdf_fem.inverse.tracking.result_builder import ResultBuilder
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
-from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample, SettledSamples
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
 from pvdf_fem.inverse.tracking.signal.reading_filter import Validity
-from pvdf_fem.inverse.tracking.signal.settling import SettledSamples, Settling
+from pvdf_fem.inverse.tracking.signal.settling import Settling
 from pvdf_fem.inverse.tracking.signal.signal_chain import MIN_PAUSE_INTERVALS, SignalChain
 from pvdf_fem.inverse.tracking.stream_diagnosis import MAX_TESTED, find_misreading
 from pvdf_fem.inverse.tracking.stream_notes import StreamNotes
@@ -236,7 +236,7 @@ class Tracker:
         """Watch the baseline that has been learned, first in the samples after it."""
         self._baseline.set_lines(settled.baseline, self._signal.interval_s)
         self._signal.removes_spikes = True
-        self._signal.filter.spikes.add_counts(settled.spike_counts)
+        self._signal.filter.note_settled(settled)
         self._watch = ContactWatch(
             self._baseline,
             settled.sample_count,
@@ -405,18 +405,17 @@ class Tracker:
 
         A channel that is found to be frozen or clipped has told wrong voltages for some samples
         already.
-
-        Parameters
-        ----------
-        contact : Contact
-            Contact in progress.
         """
+        filters = self._signal.filter.channels
+        frozen = contact.find_frozen_channel()
+        if frozen is not None:
+            filters[frozen].reject_limit()
+            contact.exclude_channel(frozen)
         for number, channel in enumerate(self._baseline.channels):
-            channel_filter = self._signal.filter.channels[number]
-            unmarked_count = channel_filter.take_unmarked_count()
+            unmarked_count = filters[number].take_unmarked_count()
             if unmarked_count:
                 contact.mark_clipped(number, unmarked_count)
-            is_frozen = channel_filter.validity is Validity.FROZEN
+            is_frozen = filters[number].validity is Validity.FROZEN
             if contact.is_settled[number] and (is_frozen or not channel.is_settled):
                 contact.exclude_channel(number)
 

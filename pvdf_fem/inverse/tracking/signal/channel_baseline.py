@@ -170,7 +170,7 @@ class ChannelBaseline:
 
     def _compute_decay(self, time_s: float) -> float:
         """Compute the fraction of the residual that remains at a given time."""
-        return math.exp(-self._decay_rate * (time_s - self._residual_at_s))
+        return math.exp(-self._decay_rate * max(time_s - self._residual_at_s, 0.0))
 
     def compute_relative_error(self, time_s: float, interval_s: float) -> float:
         """Compute the standard error of the predicted voltage, relative to the noise.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.special import chdtri
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.inverse.tracking.signal.baseline import SettledBaseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
-from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample, SettledSamples
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
 
 #: Fewest samples from which a baseline is learned, however slow the sampling is.
@@ -39,17 +39,6 @@ ONSET_DEVIATIONS = 6.0
 MIN_TIME_CONSTANTS = 0.05
 #: A median of absolute values of a normal variable times this number is its standard deviation.
 MEDIAN_TO_DEVIATION = 1.4826
-
-
-@dataclass(frozen=True, eq=False)
-class SettledSamples:
-    """Baseline of the first samples, and the samples after them."""
-
-    baseline: SettledBaseline
-    sample_count: int  #: Number of samples that the baseline was learned from.
-    spike_counts: list[int]  #: Number of readings that were spikes, by channel.
-    #: The last samples, without hum, which may already belong to a contact.
-    pending: list[FilteredSample]
 
 
 class FittedBaseline(NamedTuple):
