@@ -16,9 +16,18 @@ MAX_PERMUTED = 4
 #: What to do about each kind of mistake.
 ADVICE = {
     "swapped_channels": "correct the names of the columns",
-    "wrong_unit": "give the right unit",
     "wrong_sign": "give a negative readout.gain",
 }
+
+
+#: Units of most readings.
+USUAL_UNITS = ("pC", "V")
+
+
+def choose_usual_unit(units: Sequence[str]) -> str:
+    """Return one of some units of the same size, of `USUAL_UNITS` if any is among them."""
+    usual = [unit for unit in USUAL_UNITS if unit in units]
+    return [*usual, *units][0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +39,13 @@ class Misreading:
     order: tuple[int, ...]  #: For each channel, the column that contains its readings.
     #: For each channel, the factor that corrects its readings, shape (channels,).
     factors: Array
+    units: tuple[str, ...] = ()  #: Units of the same size that the readings may have, if wrong.
 
     @property
     def advice(self) -> str:
         """What to do about the mistake."""
+        if self.units:
+            return f"give --unit {choose_usual_unit(self.units)}"
         return ADVICE[self.kind]
 
     @property
@@ -81,7 +93,7 @@ def list_misreadings(channels: Sequence[Channel], unit: str) -> Iterator[Misread
         yield Misreading("swapped_channels", text, order=order, factors=ones)
     for units, ratio in list_unit_ratios(channels, unit):
         text = f"readings are in {' or '.join(units)}, not in {unit}"
-        yield Misreading("wrong_unit", text, order=same_order, factors=ratio)
+        yield Misreading("wrong_unit", text, order=same_order, factors=ratio, units=tuple(units))
     yield Misreading("wrong_sign", "readings have the wrong sign", order=same_order, factors=-ones)
     for number, name in enumerate(names):
         text = f"channel {name} has the wrong sign"

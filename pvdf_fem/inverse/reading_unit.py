@@ -17,15 +17,13 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.channel import Channel, list_units_pC, make_channels
-from pvdf_fem.electrodes.misreadings import list_unit_ratios
+from pvdf_fem.electrodes.misreadings import USUAL_UNITS, choose_usual_unit, list_unit_ratios
 from pvdf_fem.inverse.touch.measurement import Deviations, Measurement, get_units_pC
 from pvdf_fem.inverse.touch.search import mark_explained, search_rows
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.surrogate.charge_function import ChargeFunction
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn, draw_touches
 
-#: Units of most readings. Only these are considered if no touch explains the readings.
-USUAL_UNITS = ("pC", "V")
 #: Maximum number of rows of a table with which its unit is tested. A row takes about 1 ms.
 MAX_ROWS = 64
 #: Number of random touches from which the range of possible readings is computed.
@@ -84,8 +82,7 @@ def name_other_unit(scene: Scene, sizes: Sequence[Sequence[str]], unit: str) -> 
     """
     chosen = []
     for names in sizes:
-        usual = [name for name in USUAL_UNITS if name in names and scene.readout]
-        chosen.append([*usual, *names][0])
+        chosen.append(choose_usual_unit(names) if scene.readout else names[0])
     if not chosen:
         return None
     # Without a readout, readings in V look like nC: both are named.

@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.arrays import Mask
 from pvdf_fem.inverse.tracking.charges.charge_record import ChargeRecord
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.problem.contact_problem import CandidateTouches, ContactProblem
 from pvdf_fem.inverse.tracking.problem.force_curve import ForceCurve
 from pvdf_fem.inverse.tracking.signal.baseline import BaselineSnapshot
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 #: Number of samples after which the errors of an explained contact are checked again.
@@ -141,6 +142,8 @@ class Contact:
         Channels that have a baseline; the others count as missing.
     onset_s : float
         Time just before the first sample.
+    detected_at_s : float
+        Time of the sample with which the contact was detected.
     """
 
     def __init__(
@@ -151,8 +154,10 @@ class Contact:
         baseline: BaselineSnapshot,
         is_settled: Mask,
         onset_s: float,
+        detected_at_s: float,
     ) -> None:
         self.options = problem.options
+        self.detected_at_s = detected_at_s
         self.circuit = circuit
         self.baseline = baseline
         self.is_settled = is_settled
@@ -166,26 +171,15 @@ class Contact:
         self.was_clipped = np.zeros(len(residual), dtype=bool)
         self.was_missing = ~is_settled
 
-    def add(
-        self, time_s: float, voltages: Array, is_clipped: Mask, interval_s: float
-    ) -> ChargeSample:
+    def add(self, sample: FilteredSample, interval_s: float) -> None:
         """Record a sample and update the location.
 
         Parameters
         ----------
-        time_s : float
-            Time of the sample.
-        voltages : ndarray, shape (electrodes,)
-            Voltages of the channels in V; NaN where they are missing.
-        is_clipped : ndarray of bool, shape (electrodes,)
-            Whether a voltage is only a limit of the true one.
+        sample : FilteredSample
+            Voltages of the channels.
         interval_s : float
             Sampling interval.
-
-        Returns
-        -------
-        ChargeSample
-            The charges since the onset.
 
         Notes
         -----
@@ -195,20 +189,21 @@ class Contact:
         record = self.record
         baseline = self.baseline
         circuit = self.circuit
+        time_s = sample.time_s
+        voltages = np.array(sample.voltages)
         elapsed_s = time_s - record.onset_s
         error_V = baseline.noise_V * baseline.compute_relative_errors(time_s, interval_s)
         error_V = np.where(self.is_settled, error_V, 0.0)
         drift_pC = (circuit.capacitance + circuit.conductance * elapsed_s) * error_V
         above_line = np.where(self.is_settled, voltages - baseline.predict_line(time_s), np.nan)
-        is_clipped = is_clipped & self.is_settled
+        is_clipped = np.array(sample.is_clipped) & self.is_settled
         self.was_clipped |= is_clipped
         self.was_missing |= np.isnan(above_line)
         step_s = time_s - record.end_s
-        sample = record.add(
+        charges = record.add(
             time_s, above_line, is_clipped, noise_V=baseline.noise_V, drift_pC=drift_pC
         )
-        self.locator.update(record, sample, step_s)
-        return sample
+        self.locator.update(record, charges, step_s)
 
     def mark_clipped(self, number: int, count: int) -> None:
         """Let the last voltages of a channel count as clipped, which have just been found to be.

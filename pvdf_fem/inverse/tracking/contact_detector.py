@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
-from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +20,8 @@ class VoltageSample(NamedTuple):
     """Voltages of the channels at one instant, and their deviations from the baseline."""
 
     time_s: float
-    voltages: Sequence[float]  #: Voltages in V, NaN where they are missing.
-    is_clipped: Sequence[bool]  #: Whether a voltage is only a limit of the true one.
+    voltages: list[float]  #: Voltages in V, NaN where they are missing.
+    is_clipped: list[bool]  #: Whether a voltage is only a limit of the true one.
     #: Deviations from the baseline divided by the noise; 0 where they are missing.
     deviations: Sequence[float]
 
@@ -59,23 +59,28 @@ class ContactDetector:
         self._threshold_count = 0
         # Variances of the means over the longest window that noise does not explain, by channel.
         self._drift_variances = [0.0] * channel_count
+        self._errors = [0.0] * channel_count
+        self._inverse_variances: list[list[float]] = []
+        self._update_variances()
         self.clear()
 
     def clear(self) -> None:
         """Remove all samples."""
-        self.samples: list[VoltageSample] = []
+        # A sample is removed for each that is added. Lists that are shortened from time to time
+        # would let Python's garbage collector visit all objects again and again.
+        self._samples: deque[VoltageSample] = deque()
         self._number = 0  # Number of samples since the last time.
-        self._first = 0  # Index in `samples` of the oldest that has not been removed.
-        # Sums of the deviations of all samples up to each sample, by channel.
-        self._sums = [[0.0] * self._channel_count]
+        # Sums of the deviations of all samples up to each sample, by channel. The first is that
+        # before the oldest sample.
+        self._sums = deque([[0.0] * self._channel_count])
 
     def __len__(self) -> int:
-        return len(self.samples) - self._first
+        return len(self._samples)
 
     @property
     def is_full(self) -> bool:
         """Whether there are more samples than the longest window holds."""
-        return len(self) > self.longest_window
+        return len(self._samples) > self.longest_window
 
     @property
     def drift_errors(self) -> Array:
@@ -86,33 +91,20 @@ class ContactDetector:
         """Add the newest sample."""
         sums = self._sums[-1]
         self._sums.append([a + b for a, b in zip(sums, sample.deviations, strict=True)])
-        self.samples.append(sample)
+        self._samples.append(sample)
         self._number += 1
 
     def remove_oldest(self) -> VoltageSample:
         """Remove the oldest sample and return it."""
-        oldest = self.samples[self._first]
-        self._first += 1
-        if self._first > 2 * self.longest_window:
-            self._drop_removed_samples()
-        return oldest
+        self._sums.popleft()
+        return self._samples.popleft()
 
     def get_samples(self) -> list[VoltageSample]:
         """Return the samples that have not been removed, the oldest first."""
-        return self.samples[self._first :]
+        return list(self._samples)
 
-    def _drop_removed_samples(self) -> None:
-        """Free the memory of removed samples, and restart their sums, which only grow."""
-        self.samples = self.samples[self._first :]
-        origin = self._sums[self._first]
-        kept = []
-        for sums in islice(self._sums, self._first, None):
-            kept.append([a - b for a, b in zip(sums, origin, strict=True)])
-        self._sums = kept
-        self._first = 0
-
-    def exceeds_threshold(self, errors: Sequence[float], noise_count: int) -> bool:
-        """Test whether the deviations in a window that ends now are larger than their noise.
+    def set_errors(self, errors: Sequence[float], noise_count: int) -> None:
+        """Set the errors of the baseline and of its noise, which change slowly.
 
         Parameters
         ----------
@@ -120,54 +112,61 @@ class ContactDetector:
             Standard deviations of the baseline divided by those of the noise, by channel.
         noise_count : int
             Number of samples that the noise was estimated from.
-
-        Returns
-        -------
-        bool
-            Whether a contact is detected.
         """
-        threshold = self._get_threshold(noise_count)
-        newest = self._sums[-1]
-        count = len(self)
+        self._errors = list(errors)
+        self._update_variances()
+        self._update_threshold(noise_count)
+
+    def _update_variances(self) -> None:
+        """Compute the inverse variances of the sums over all windows, by window and channel."""
+        self._inverse_variances = []
         for window in self.windows:
+            inverse_variances = []
+            for error, drift in zip(self._errors, self._drift_variances, strict=True):
+                variance = window * (1.0 + window * (error * error + drift))
+                inverse_variances.append(1.0 / variance)
+            self._inverse_variances.append(inverse_variances)
+
+    def exceeds_threshold(self) -> bool:
+        """Test whether the deviations in a window that ends now are larger than their noise."""
+        sums = self._sums
+        newest = sums[-1]
+        count = len(self._samples)
+        for window, inverse_variances in zip(self.windows, self._inverse_variances, strict=True):
             if window > count or (window > 4 and self._number % (window // 4)):
                 break
-            earlier = self._sums[-1 - window]
+            earlier = sums[-1 - window]
             statistic = 0.0
-            for last, first, error, drift in zip(
-                newest, earlier, errors, self._drift_variances, strict=True
+            for last, first, inverse_variance in zip(
+                newest, earlier, inverse_variances, strict=True
             ):
                 total = last - first
-                statistic += total * total / (window * (1.0 + window * (error * error + drift)))
-            if statistic > threshold:
+                statistic += total * total * inverse_variance
+            if statistic > self._threshold:
                 return True
         if self._number % self.longest_window == 0 and count >= self.longest_window:
-            self._update_drift(errors)
+            self._update_drift()
         return False
 
-    def _update_drift(self, errors: Sequence[float]) -> None:
+    def _update_drift(self) -> None:
         """Update the variances of slow drifts with the last of the longest windows.
 
         A drift that the baseline follows with a lag makes means deviate more than noise does. The
         mean of the squares that the noise does not explain is added to the variance of the
         baseline, so that such a drift is not a contact.
-
-        Parameters
-        ----------
-        errors : sequence of float
-            Standard deviations of the baseline divided by those of the noise, by channel.
         """
         window = self.longest_window
         newest = self._sums[-1]
         earlier = self._sums[-1 - window]
-        for channel, error in enumerate(errors):
+        for channel, error in enumerate(self._errors):
             mean = (newest[channel] - earlier[channel]) / window
             excess = max(mean * mean - 1.0 / window - error * error, 0.0)
             change = excess - self._drift_variances[channel]
             self._drift_variances[channel] += DRIFT_WEIGHT * change
+        self._update_variances()
 
-    def _get_threshold(self, noise_count: int) -> float:
-        """Return the threshold of the statistic; it is computed anew when the count has doubled.
+    def _update_threshold(self, noise_count: int) -> None:
+        """Update the threshold of the statistic if the count of samples has doubled.
 
         Notes
         -----
@@ -181,15 +180,9 @@ class ContactDetector:
             student = stdtrit(degrees_of_freedom, self._probability / 2.0)
             ratio = (student / ndtri(self._probability / 2.0)) ** 2
             self._threshold = float(ratio * chdtri(self._channel_count, self._probability))
-        return self._threshold
 
-    def count_contact_samples(self, errors: Array) -> int:
+    def count_contact_samples(self) -> int:
         """Return how many of the last samples belong to the contact that was detected.
-
-        Parameters
-        ----------
-        errors : ndarray, shape (electrodes,)
-            Standard deviations of the baseline divided by those of the noise.
 
         Notes
         -----
@@ -198,7 +191,8 @@ class ContactDetector:
         by √n, is largest. A quarter of n and two samples are added as a margin, so that the first
         weak samples of the contact are not missed.
         """
-        newest_first = [sample.deviations for sample in reversed(self.samples[self._first :])]
+        newest_first = [sample.deviations for sample in reversed(self._samples)]
+        errors = np.array(self._errors)
         sums = np.cumsum(newest_first, axis=0)
         windows = np.array(self.windows)
         windows = windows[: np.searchsorted(windows, len(sums), side="right")]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from pvdf_fem.inverse.tracking.contact_detector import ContactDetector, VoltageSample
 from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
@@ -14,8 +12,10 @@ from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 #: Touches in a pause have left voltages if the first sample after it deviates from the baseline by
 #: more standard deviations.
 MAX_PAUSE_DEVIATIONS = 4.0
-#: Number of samples after which the relative errors of the baseline are computed again.
+#: Number of samples after which the relative errors of the baseline are computed again, in general
+#: and while they change quickly. A line that is learned again counts from 8 samples on.
 ERROR_UPDATE_SAMPLES = 16
+QUICK_UPDATE_SAMPLES = 4
 
 
 class ContactWatch:
@@ -51,8 +51,11 @@ class ContactWatch:
         longest = max(int(sample_count * options.window_fraction), 1)
         self.detector = ContactDetector(len(baseline.channels), longest, options)
         self._verification_s = verification_s
+<<<<<<< HEAD
         self._touch_sign = touch_sign
         self._relative_errors = [0.0] * len(baseline.channels)
+=======
+>>>>>>> main
         self._number = 0
         #: Until this time, a contact may have been there before the last pause ended.
         self.unverified_until_s = -math.inf
@@ -80,15 +83,12 @@ class ContactWatch:
             self._resume_after_pause(sample, interval_s)
         deviations = []
         for channel, voltage in zip(self.baseline.channels, sample.voltages, strict=True):
-            if voltage == voltage and channel.is_settled:  # not NaN
-                deviations.append((voltage - channel.predict(time_s)) / channel.noise_V)
-            else:
-                deviations.append(0.0)
+            deviations.append(channel.compute_deviation(time_s, voltage))
         detector.add(VoltageSample(time_s, sample.voltages, sample.is_clipped, deviations))
-        if self._number % ERROR_UPDATE_SAMPLES == 0 or self.baseline.has_new_residual():
+        if self._is_error_update_due():
             self._update_relative_errors(time_s, interval_s)
         self._number += 1
-        if detector.exceeds_threshold(self._relative_errors, self.baseline.noise_count):
+        if detector.exceeds_threshold():
             return self._take_contact_samples(interval_s)
         if detector.is_full:
             self._move_oldest_sample_to_baseline(interval_s)
@@ -101,7 +101,7 @@ class ContactWatch:
 
     def _take_contact_samples(self, interval_s: float) -> list[VoltageSample]:
         """Return the samples of the contact that begins; earlier ones enter the baseline."""
-        count = self.detector.count_contact_samples(np.array(self._relative_errors))
+        count = self.detector.count_contact_samples()
         while len(self.detector) > count:
             self._move_oldest_sample_to_baseline(interval_s)
         return self.detector.get_samples()
@@ -149,12 +149,18 @@ class ContactWatch:
                 residual_V = voltage - channel.predict_line(time_s)
                 channel.replace_residual(time_s, residual_V, count=1)
 
+    def _is_error_update_due(self) -> bool:
+        """Whether the relative errors of the baseline are computed again at this sample."""
+        if self._number % QUICK_UPDATE_SAMPLES:
+            return False
+        return self._number % ERROR_UPDATE_SAMPLES == 0 or self.baseline.has_new_residual()
+
     def _update_relative_errors(self, time_s: float, interval_s: float) -> None:
-        """Update the errors of the baseline relative to the noise; they change slowly."""
-        self._relative_errors = []
+        """Update the errors of the baseline relative to the noise."""
+        errors = []
         for channel in self.baseline.channels:
-            error = channel.compute_relative_error(time_s, interval_s)
-            self._relative_errors.append(error)
+            errors.append(channel.compute_relative_error(time_s, interval_s))
+        self.detector.set_errors(errors, self.baseline.noise_count)
 
     def _move_oldest_sample_to_baseline(self, interval_s: float) -> None:
         """Move the oldest sample from the detector into the baseline."""

@@ -8,7 +8,6 @@ from dataclasses import fields
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.tracking.contact import Contact
-from pvdf_fem.inverse.tracking.contact_detector import VoltageSample
 from pvdf_fem.inverse.tracking.problem.contact_problem import CandidateTouches, ContactProblem
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
@@ -88,7 +87,7 @@ class ResultBuilder:
                 chosen.append(name)
         return " ".join(chosen)
 
-    def list_missing(self, sample: FilteredSample | VoltageSample) -> str:
+    def list_missing(self, sample: FilteredSample) -> str:
         """Return the names of the channels without a reading, separated by spaces."""
         if not math.isnan(sum(sample.voltages)):
             return ""
@@ -98,14 +97,12 @@ class ResultBuilder:
         """Make the row of a sample in which all readings are missing, after another row."""
         return TrackRow(time_s, before.status, touch=before.touch, missing=" ".join(self._names))
 
-    def make_contact_row(
-        self, sample: FilteredSample | VoltageSample, contact: Contact, number: int
-    ) -> TrackRow:
+    def make_contact_row(self, sample: FilteredSample, contact: Contact, number: int) -> TrackRow:
         """Make the row of the last sample of a contact; it has no position until it is located.
 
         Parameters
         ----------
-        sample : FilteredSample or VoltageSample
+        sample : FilteredSample
             The newest sample.
         contact : Contact
             Contact in progress.

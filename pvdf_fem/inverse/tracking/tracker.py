@@ -10,10 +10,9 @@ estimates position and force. The readings are those of the channels of the resp
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from pvdf_fem.electrodes.channel import get_reading_unit, make_channels
 from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE
@@ -39,6 +38,10 @@ from pvdf_fem.inverse.tracking.stream_notes import StreamNotes
 from pvdf_fem.scene.arguments import Names, as_response, coerce
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.surrogate.charge_function import ChargeFunction
+
+#: Largest number of samples that one call of `Tracker.update` processes; others wait for the next.
+#: When the baseline is learned, or a contact begins slowly, a tenth of a second of samples is due.
+MAX_SAMPLES_AT_ONCE = 100
 
 
 class Tracker:
@@ -116,6 +119,8 @@ class Tracker:
         self._contact: Contact | None = None
         self._relearning: Settling | None = None  # During a contact that may be over.
         self._settled_at_s = math.nan
+        #: Samples that are decided, but not processed yet.
+        self._waiting: deque[FilteredSample] = deque()
         self._row = TrackRow(math.nan, TrackStatus.SETTLING)
         self._notes = StreamNotes()
         self._unexplained_peaks: list[ChargeSample] = []
@@ -173,12 +178,24 @@ class Tracker:
         ValueError
             If a name is unknown, or the number of readings is wrong.
         """
+<<<<<<< HEAD
         time_s = self._input.coerce_time(t)
         samples = self._signal.receive(time_s, self._input.compute_voltages(readings))
         for sample in samples:
             self._process(sample)
         if not samples:
             self._row = replace(self._row, t_s=time_s)
+=======
+        waiting = self._waiting
+        waiting.extend(self._signal.receive(t, self._input.compute_voltages(readings)))
+        is_behind = not waiting
+        for _ in range(MAX_SAMPLES_AT_ONCE):
+            if not waiting:
+                break
+            self._process(waiting.popleft())
+        if is_behind or waiting:
+            self._row = replace(self._row, t_s=t)
+>>>>>>> main
         return self._row
 
     def finish(self) -> TrackRow:
@@ -192,13 +209,15 @@ class Tracker:
         TrackRow
             State at the end, as by `update`.
         """
-        for sample in self._signal.flush():
-            self._process(sample)
+        self._waiting.extend(self._signal.flush())
+        while self._waiting:
+            self._process(self._waiting.popleft())
         if self._contact:
             self._notes.add("a contact had not ended when the readings ended")
             self._finish_contact(self._contact, TrackStatus.LOST)
         if self._settling:
             self._finish_settling(self._settling)
+        self._notes.add_interval(self._signal.interval_s)
         self._note_misreading()
         return self._row
 
@@ -244,8 +263,7 @@ class Tracker:
             verification_s=self._settling_s / 2.0,
             touch_sign=self._problem.touch_sign,
         )
-        for pending in settled.pending:
-            self._process(pending)
+        self._waiting.extendleft(reversed(settled.pending))
 
     def _report_touch_while_settling(self, begin_s: float, end_s: float) -> None:
         """Append a touch that began while the baseline was learned to `touches`, without position.
@@ -302,7 +320,7 @@ class Tracker:
         self._row = TrackRow(sample.time_s, TrackStatus.QUIET, missing=missing)
 
     def _begin_contact(self, samples: Sequence[VoltageSample], watch: ContactWatch) -> None:
-        """Begin a contact with its first samples."""
+        """Begin a contact, and let its first samples be processed next."""
         first = samples[0]
         contact = Contact(
             self._problem,
@@ -310,26 +328,14 @@ class Tracker:
             baseline=self._baseline.take_snapshot(watch.detector.drift_errors),
             is_settled=self._baseline.is_settled,
             onset_s=first.time_s - self._signal.interval_s,
+            detected_at_s=samples[-1].time_s,
         )
         contact.begins_in_pause = first.time_s < watch.unverified_until_s
         self._contact = contact
-        for sample in samples:
-            self._add_to_contact(sample, contact)
-        self._update_contact_row(samples[-1], contact)
-
-    def _add_to_contact(self, sample: VoltageSample | FilteredSample, contact: Contact) -> None:
-        """Add a sample to a contact."""
-        contact.add(
-            sample.time_s,
-            np.array(sample.voltages),
-            np.array(sample.is_clipped),
-            interval_s=self._signal.interval_s,
-        )
-
-    def _update_contact_row(self, sample: VoltageSample | FilteredSample, contact: Contact) -> None:
-        """Make the row of the last sample of a contact."""
-        number = len(self.touches) + 1
-        self._row = self._results.make_contact_row(sample, contact, number)
+        for sample in reversed(samples):
+            self._waiting.appendleft(
+                FilteredSample(sample.time_s, sample.voltages, sample.is_clipped)
+            )
 
     def _continue_contact(self, sample: FilteredSample, contact: Contact) -> None:
         """Process a sample during a contact, and finish the contact if it has ended or is lost.
@@ -341,6 +347,10 @@ class Tracker:
         contact : Contact
             Contact in progress.
         """
+        if sample.time_s <= contact.detected_at_s:
+            contact.add(sample, self._signal.interval_s)
+            self._row = self._results.make_contact_row(sample, contact, len(self.touches) + 1)
+            return
         pause_s = sample.time_s - contact.record.end_s
         if contact.is_lost_by_pause(pause_s):
             self._finish_contact(contact, TrackStatus.LOST)
@@ -349,7 +359,7 @@ class Tracker:
         if pause_s > MIN_PAUSE_INTERVALS * self._signal.interval_s:
             contact.record.note_pause(pause_s)
         self._exclude_channels_without_signal(contact)
-        self._add_to_contact(sample, contact)
+        contact.add(sample, self._signal.interval_s)
         self._exclude_stepped_channel(contact)
         if contact.was_only_a_step:
             self._finish_contact(contact)
@@ -362,7 +372,7 @@ class Tracker:
             self._finish_contact(contact, TrackStatus.LOST)
             self._row = TrackRow(sample.time_s, TrackStatus.LOST)
         else:
-            self._update_contact_row(sample, contact)
+            self._row = self._results.make_contact_row(sample, contact, len(self.touches) + 1)
             self._relearn_baseline(sample, contact)
 
     def _relearn_baseline(self, sample: FilteredSample, contact: Contact) -> None:

@@ -20,7 +20,7 @@ def make_baseline(count, *, memory=2000.0, time_constant_s=np.inf):
     circuit = ReadoutCircuit.from_channels([channel] * CHANNELS)
     baseline = Baseline(circuit, DEFAULTS)
     for channel in baseline.channels:
-        channel.memory = memory
+        channel.set_memory(memory)
     for k in range(count):
         noise = NOISE_V * rng.standard_normal(CHANNELS)
         baseline.add(1e-3 * k, (0.1 + 0.02e-3 * k + noise).tolist(), INTERVAL_S)

@@ -143,7 +143,7 @@ class Baseline:
         options = self._options
         memory = max(options.memory_s / interval_s, options.min_memory_samples)
         for number, channel in enumerate(self.channels):
-            channel.memory = memory
+            channel.set_memory(memory)
             channel.set_line(
                 settled.time_s,
                 float(settled.level[number]),

@@ -47,11 +47,6 @@ class ChannelBaseline:
     min_noise_V : float
         Lower bound of the standard deviation of a voltage.
 
-    Attributes
-    ----------
-    memory : float
-        Memory of the filter in samples.
-
     Notes
     -----
     Let e be the prediction error of sample k. The level is corrected by (4k - 2)/(k (k + 1)) e and
@@ -65,13 +60,16 @@ class ChannelBaseline:
         "_decay_fit",
         "_decay_rate",
         "_level",
+        "_memory",
         "_min_noise_V",
         "_residual",
         "_residual_at_s",
         "_residual_count",
         "_slope",
+        "_steady_count",
+        "_steady_level_gain",
+        "_steady_slope_gain",
         "line_count",
-        "memory",
         "noise_V",
         "noise_count",
         "noise_variance",
@@ -81,7 +79,7 @@ class ChannelBaseline:
     def __init__(self, decay_rate: float, min_noise_V: float) -> None:
         self._decay_rate = decay_rate
         self._min_noise_V = min_noise_V
-        self.memory = math.inf
+        self.set_memory(math.inf)
         self.line_count = 0  #: Number of samples that the line holds.
         self.noise_count = 0  #: Number of samples that the noise was estimated from.
         self.noise_variance = 0.0  #: Estimated variance of a voltage in V².
@@ -96,6 +94,13 @@ class ChannelBaseline:
         self._residual_count = 1
         self._decay_fit: DecayFit | None = None  # While the line is learned again.
 
+    def set_memory(self, memory: float) -> None:
+        """Set the memory of the filter in samples."""
+        self._memory = memory
+        self._steady_count = STEADY_MEMORIES * memory
+        self._steady_level_gain = 2.0 / memory
+        self._steady_slope_gain = 1.0 / memory**2
+
     @property
     def is_settled(self) -> bool:
         """Whether the line holds enough samples to predict the next one."""
@@ -109,7 +114,7 @@ class ChannelBaseline:
             level=self._level,
             slope=self._slope,
             noise_V=self.noise_V,
-            line_count=max(min(self.line_count, 3.2 * self.memory), 1.0),
+            line_count=max(min(self.line_count, 3.2 * self._memory), 1.0),
             residual=self._residual,
             residual_at_s=self._residual_at_s,
             residual_count=self._residual_count,
@@ -168,6 +173,28 @@ class ChannelBaseline:
         """Predict the voltage in V without a contact."""
         return self.predict_line(time_s) + self.predict_residual(time_s)
 
+    def compute_deviation(self, time_s: float, voltage: float) -> float:
+        """Compute the deviation of a voltage from the prediction, in noise deviations.
+
+        Parameters
+        ----------
+        time_s : float
+            Time of the sample.
+        voltage : float
+            Voltage in V.
+
+        Returns
+        -------
+        float
+            0 if the voltage is missing or the line is not known.
+        """
+        if math.isnan(voltage) or self.line_count < MIN_LINE_SAMPLES:
+            return 0.0
+        deviation_V = voltage - self._level - self._slope * (time_s - self.time_s)
+        if self._residual:
+            deviation_V -= self._residual * self._compute_decay(time_s)
+        return deviation_V / self.noise_V
+
     def _compute_decay(self, time_s: float) -> float:
         """Compute the fraction of the residual that remains at a given time."""
         return math.exp(-self._decay_rate * max(time_s - self._residual_at_s, 0.0))
@@ -201,7 +228,7 @@ class ChannelBaseline:
     def _compute_line_error(self, time_s: float, interval_s: float) -> float:
         """Compute the error of the line; see `compute_relative_error`."""
         # A line through 3.2 m samples is as accurate as the filter: 4/(3.2 m) = 5/(4 m).
-        count = max(min(self.line_count, 3.2 * self.memory), 1.0)
+        count = max(min(self.line_count, 3.2 * self._memory), 1.0)
         extrapolated = (time_s - self.time_s) / interval_s
         return 2.0 / math.sqrt(count) * (1.0 + extrapolated / count)
 
@@ -269,20 +296,19 @@ class ChannelBaseline:
         if self._decay_fit:
             self._add_to_decay_fit(time_s, voltage, self._decay_fit)
             return
-        self.line_count += 1
-        count = self.line_count
+        count = self.line_count + 1
+        self.line_count = count
         if count == 1:
             self._level = voltage - self.predict_residual(time_s)
             self._slope = 0.0
             self.time_s = time_s
             return
-        if count > STEADY_MEMORIES * self.memory:
-            level_gain = 2.0 / self.memory
-            slope_gain = 1.0 / self.memory**2
-        else:
+        level_gain = self._steady_level_gain
+        slope_gain = self._steady_slope_gain
+        if count <= self._steady_count:
             pairs = count * (count + 1.0)
-            level_gain = max((4.0 * count - 2.0) / pairs, 2.0 / self.memory)
-            slope_gain = max(6.0 / pairs, 1.0 / self.memory**2)
+            level_gain = max((4.0 * count - 2.0) / pairs, level_gain)
+            slope_gain = max(6.0 / pairs, slope_gain)
         step_s = time_s - self.time_s
         line = self._level + self._slope * step_s
         error = voltage - line
@@ -348,15 +374,15 @@ class ChannelBaseline:
 
     def _update_noise(self, error: float) -> None:
         """Update the noise variance with the prediction error of a sample."""
-        self.noise_count += 1
         count = self.line_count
         # Variance of the prediction error of a line through count - 1 samples, divided by the
         # variance of the noise.
         ratio = count * (count + 1.0) / ((count - 1.0) * (count - 2.0))
+        self.noise_count += 1
         few = self.noise_count - 2
-        weight = 1.0 / self.memory if few > self.memory else 1.0 / max(few, 1)
-        change = error * error / ratio - self.noise_variance
-        self._set_noise_variance(self.noise_variance + weight * change)
+        memory = self._memory if few > self._memory else max(few, 1)
+        variance = self.noise_variance
+        self._set_noise_variance(variance + (error * error / ratio - variance) / memory)
 
     def _set_noise_variance(self, variance: float) -> None:
         """Set the noise variance, and the standard deviation that it gives."""

@@ -33,16 +33,13 @@ class SignalChain:
 
     def __init__(self, circuit: ReadoutCircuit, baseline: Baseline, hum: MainsHum) -> None:
         self.clock = SampleClock()
+        #: Sampling interval in s; infinite until it has been learned.
+        self.interval_s = math.inf
         self.hum = hum
         self.filter = ReadingFilter(circuit, baseline)
         #: Whether spikes are removed; while the baseline is learned, its noise is not known.
         self.removes_spikes = False
         self._last_time_s = math.inf  # Time of the last sample with readings.
-
-    @property
-    def interval_s(self) -> float:
-        """Sampling interval in s; infinite until it has been learned."""
-        return self.clock.interval_s
 
     def describe(self, names: Sequence[str]) -> list[str]:
         """Return a sentence for each kind of fault that was found and repaired.
@@ -70,14 +67,18 @@ class SignalChain:
             None while samples are held back. A sample without any reading has only NaN.
         """
         samples: list[FilteredSample] = []
-        for stamped in self.clock.receive(stamp_s, voltages):
+        stamped_samples = self.clock.receive(stamp_s, voltages)
+        self.interval_s = self.clock.interval_s
+        for stamped in stamped_samples:
             samples.extend(self._filter(stamped))
         return samples
 
     def flush(self) -> list[FilteredSample]:
         """Return the samples that are held back at the end of the stream."""
         samples: list[FilteredSample] = []
-        for stamped in self.clock.flush():
+        stamped_samples = self.clock.flush()
+        self.interval_s = self.clock.interval_s
+        for stamped in stamped_samples:
             samples.extend(self._filter(stamped))
         return [*samples, *self.filter.spikes.flush()]
 
