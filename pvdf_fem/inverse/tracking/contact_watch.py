@@ -51,11 +51,8 @@ class ContactWatch:
         longest = max(int(sample_count * options.window_fraction), 1)
         self.detector = ContactDetector(len(baseline.channels), longest, options)
         self._verification_s = verification_s
-<<<<<<< HEAD
         self._touch_sign = touch_sign
         self._relative_errors = [0.0] * len(baseline.channels)
-=======
->>>>>>> main
         self._number = 0
         #: Until this time, a contact may have been there before the last pause ended.
         self.unverified_until_s = -math.inf
@@ -139,15 +136,17 @@ class ContactWatch:
                 charge_pC += capacitance * deviation_V
         if any(is_changed):
             self.unverified_until_s = time_s + self._verification_s
-        if self._touch_sign * charge_pC > 0.0:
-            return
+        is_pressed = self._touch_sign * charge_pC > 0.0
         for channel, voltage, has_residual in zip(
             self.baseline.channels, sample.voltages, is_changed, strict=True
         ):
+            if is_pressed:
+                break
             channel.age(time_s, interval_s)
             if has_residual:
                 residual_V = voltage - channel.predict_line(time_s)
                 channel.replace_residual(time_s, residual_V, count=1)
+        self._update_relative_errors(time_s, interval_s)
 
     def _is_error_update_due(self) -> bool:
         """Whether the relative errors of the baseline are computed again at this sample."""

@@ -178,24 +178,16 @@ class Tracker:
         ValueError
             If a name is unknown, or the number of readings is wrong.
         """
-<<<<<<< HEAD
         time_s = self._input.coerce_time(t)
-        samples = self._signal.receive(time_s, self._input.compute_voltages(readings))
-        for sample in samples:
-            self._process(sample)
-        if not samples:
-            self._row = replace(self._row, t_s=time_s)
-=======
         waiting = self._waiting
-        waiting.extend(self._signal.receive(t, self._input.compute_voltages(readings)))
+        waiting.extend(self._signal.receive(time_s, self._input.compute_voltages(readings)))
         is_behind = not waiting
         for _ in range(MAX_SAMPLES_AT_ONCE):
             if not waiting:
                 break
             self._process(waiting.popleft())
         if is_behind or waiting:
-            self._row = replace(self._row, t_s=t)
->>>>>>> main
+            self._row = replace(self._row, t_s=time_s)
         return self._row
 
     def finish(self) -> TrackRow:
