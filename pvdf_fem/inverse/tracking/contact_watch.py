@@ -52,7 +52,6 @@ class ContactWatch:
         self.detector = ContactDetector(len(baseline.channels), longest, options)
         self._verification_s = verification_s
         self._touch_sign = touch_sign
-        self._relative_errors = [0.0] * len(baseline.channels)
         self._number = 0
         #: Until this time, a contact may have been there before the last pause ended.
         self.unverified_until_s = -math.inf
