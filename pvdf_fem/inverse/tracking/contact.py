@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -199,24 +200,25 @@ class Contact:
         is_clipped = np.array(sample.is_clipped) & self.is_settled
         self.was_clipped |= is_clipped
         self.was_missing |= np.isnan(above_line)
+        self._mark_clipped(sample.clipped_before)
         step_s = time_s - record.end_s
         charges = record.add(
             time_s, above_line, is_clipped, noise_V=baseline.noise_V, drift_pC=drift_pC
         )
         self.locator.update(record, charges, step_s)
 
-    def mark_clipped(self, number: int, count: int) -> None:
-        """Let the last voltages of a channel count as clipped, which have just been found to be.
+    def _mark_clipped(self, counts: Sequence[int]) -> None:
+        """Mark the last voltages as clipped that have been recorded as values.
 
         Parameters
         ----------
-        number : int
-            Number of the channel.
-        count : int
-            Number of samples.
+        counts : sequence of int
+            Number of samples, by channel; empty if there are none.
         """
-        self.was_clipped[number] = True
-        self.record.mark_clipped(number, count)
+        for number, count in enumerate(counts):
+            if count:
+                self.was_clipped[number] = True
+                self.record.mark_clipped(number, count)
 
     def exclude_channel(self, number: int) -> None:
         """Count a channel as missing in all samples, also in those before."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from pvdf_fem.inverse.tracking.contact_detector import ContactDetector, VoltageSample
+from pvdf_fem.inverse.tracking.contact_detector import ComparedSample, ContactDetector
 from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
@@ -56,7 +56,7 @@ class ContactWatch:
         #: Until this time, a contact may have been there before the last pause ended.
         self.unverified_until_s = -math.inf
 
-    def add(self, sample: FilteredSample, interval_s: float) -> list[VoltageSample]:
+    def add(self, sample: FilteredSample, interval_s: float) -> list[FilteredSample]:
         """Add a sample, and return the samples of a contact that it completes.
 
         If no contact begins and the detector is full, its oldest sample is added to the baseline.
@@ -70,7 +70,7 @@ class ContactWatch:
 
         Returns
         -------
-        list of VoltageSample
+        list of FilteredSample
             The last samples if a contact has begun in them, else none.
         """
         detector = self.detector
@@ -80,7 +80,7 @@ class ContactWatch:
         deviations = []
         for channel, voltage in zip(self.baseline.channels, sample.voltages, strict=True):
             deviations.append(channel.compute_deviation(time_s, voltage))
-        detector.add(VoltageSample(time_s, sample.voltages, sample.is_clipped, deviations))
+        detector.add(ComparedSample(sample, deviations))
         if self._is_error_update_due():
             self._update_relative_errors(time_s, interval_s)
         self._number += 1
@@ -95,7 +95,7 @@ class ContactWatch:
         self.detector.clear()
         self._update_relative_errors(time_s, interval_s)
 
-    def _take_contact_samples(self, interval_s: float) -> list[VoltageSample]:
+    def _take_contact_samples(self, interval_s: float) -> list[FilteredSample]:
         """Return the samples of the contact that begins; earlier ones enter the baseline."""
         count = self.detector.count_contact_samples()
         while len(self.detector) > count:

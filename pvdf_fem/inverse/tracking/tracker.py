@@ -18,7 +18,6 @@ from pvdf_fem.electrodes.channel import get_reading_unit, make_channels
 from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.contact import Contact
-from pvdf_fem.inverse.tracking.contact_detector import VoltageSample
 from pvdf_fem.inverse.tracking.contact_watch import ContactWatch
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
 from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
@@ -246,7 +245,6 @@ class Tracker:
     def _begin_to_watch(self, settled: SettledSamples) -> None:
         """Watch the baseline that has been learned, first in the samples after it."""
         self._baseline.set_lines(settled.baseline, self._signal.interval_s)
-        self._signal.removes_spikes = True
         self._signal.filter.note_settled(settled)
         self._watch = ContactWatch(
             self._baseline,
@@ -255,7 +253,8 @@ class Tracker:
             verification_s=self._settling_s / 2.0,
             touch_sign=self._problem.touch_sign,
         )
-        self._waiting.extendleft(reversed(settled.pending))
+        decided = self._signal.begin_to_remove_spikes(settled.pending, self._waiting)
+        self._waiting = deque(decided)
 
     def _report_touch_while_settling(self, begin_s: float, end_s: float) -> None:
         """Append a touch that began while the baseline was learned to `touches`, without position.
@@ -311,7 +310,7 @@ class Tracker:
         missing = self._results.list_missing(sample)
         self._row = TrackRow(sample.time_s, TrackStatus.QUIET, missing=missing)
 
-    def _begin_contact(self, samples: Sequence[VoltageSample], watch: ContactWatch) -> None:
+    def _begin_contact(self, samples: Sequence[FilteredSample], watch: ContactWatch) -> None:
         """Begin a contact, and let its first samples be processed next."""
         first = samples[0]
         contact = Contact(
@@ -324,10 +323,7 @@ class Tracker:
         )
         contact.begins_in_pause = first.time_s < watch.unverified_until_s
         self._contact = contact
-        for sample in reversed(samples):
-            self._waiting.appendleft(
-                FilteredSample(sample.time_s, sample.voltages, sample.is_clipped)
-            )
+        self._waiting.extendleft(reversed(samples))
 
     def _continue_contact(self, sample: FilteredSample, contact: Contact) -> None:
         """Process a sample during a contact, and finish the contact if it has ended or is lost.
@@ -405,8 +401,12 @@ class Tracker:
     def _exclude_channels_without_signal(self, contact: Contact) -> None:
         """Exclude channels from a contact that froze in it, or have returned with another offset.
 
-        A channel that is found to be frozen or clipped has told wrong voltages for some samples
-        already.
+        A channel that is found to be frozen has given wrong voltages for some samples already.
+
+        Parameters
+        ----------
+        contact : Contact
+            Contact in progress.
         """
         filters = self._signal.filter.channels
         frozen = contact.find_frozen_channel()
@@ -414,9 +414,6 @@ class Tracker:
             filters[frozen].reject_limit()
             contact.exclude_channel(frozen)
         for number, channel in enumerate(self._baseline.channels):
-            unmarked_count = filters[number].take_unmarked_count()
-            if unmarked_count:
-                contact.mark_clipped(number, unmarked_count)
             is_frozen = filters[number].validity is Validity.FROZEN
             if contact.is_settled[number] and (is_frozen or not channel.is_settled):
                 contact.exclude_channel(number)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,6 +17,9 @@ class FilteredSample(NamedTuple):
     voltages: list[float]  #: In V; NaN where they are missing.
     is_clipped: list[bool]  #: Whether the voltage is only a limit of the true one.
     follows_pause: bool = False  #: Whether readings or times were missing before this sample.
+    #: Number of samples just before this one that were clipped though not marked so, by channel;
+    #: empty if there are none.
+    clipped_before: Sequence[int] = ()
 
     def remove_voltage(self, number: int) -> None:
         """Let the voltage of a channel be missing."""

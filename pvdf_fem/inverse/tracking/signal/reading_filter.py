@@ -77,7 +77,7 @@ class ChannelFilter:
         self.repeat_count = 1  #: Number of equal readings in a row.
         self._dead_V = math.nan  # Reading that a channel without a signal repeats.
         self._rejected_V = math.nan  # Reading of a frozen channel that is no limit.
-        self.unmarked_count = 0  #: Readings at a new limit that were not marked as clipped.
+        self._unmarked_count = 0  # Readings at a limit that was learned with the last one.
         self._equal_count = 1.0
         self._reading_count = 2.0
         self.validity = Validity.VALUE  #: Validity of the last reading.
@@ -105,7 +105,7 @@ class ChannelFilter:
             self._last_V = voltage
             if voltage > self._max_V:
                 self._max_V = voltage
-            elif voltage < self._min_V:
+            if voltage < self._min_V:
                 self._min_V = voltage
             validity = Validity.VALUE
         else:
@@ -132,10 +132,9 @@ class ChannelFilter:
         if voltage > self.high_V or voltage < self.low_V:
             # The learned limit was a frozen channel.
             self.low_V, self.high_V = self._range
-        if self._is_plateau():
+        if self.low_V < voltage < self.high_V and self._is_plateau():
             self._learn_limit(voltage)
-        is_within_limits = self.low_V < voltage < self.high_V
-        if not is_within_limits:
+        if not self.low_V < voltage < self.high_V:
             return Validity.CLIPPED
         return Validity.FROZEN if self._is_frozen() else Validity.VALUE
 
@@ -195,7 +194,7 @@ class ChannelFilter:
             self.low_V = voltage
         else:
             return
-        self.unmarked_count = self.repeat_count - 1
+        self._unmarked_count = self.repeat_count - 1
 
     def mark_dead(self) -> None:
         """Let the channel be frozen for as long as it repeats its last reading."""
@@ -212,9 +211,12 @@ class ChannelFilter:
         self._max_V = -math.inf
 
     def take_unmarked_count(self) -> int:
-        """Return how many of the last readings were at a limit that has been learned just now."""
-        count = self.unmarked_count
-        self.unmarked_count = 0
+        """Return how many readings before the last one are clipped though classified as values.
+
+        The limit has been learned from them and the last one; afterwards the number is 0.
+        """
+        count = self._unmarked_count
+        self._unmarked_count = 0
         return count
 
 
@@ -271,6 +273,7 @@ class ReadingFilter:
         """
         marked = list(voltages)
         is_clipped = [False] * len(marked)
+        clipped_before: Sequence[int] = ()
         if all(map(math.isnan, marked)):
             return FilteredSample(time_s, marked, is_clipped, follows_pause)
         for number, channel in enumerate(self.channels):
@@ -282,7 +285,11 @@ class ReadingFilter:
                 continue
             if validity is Validity.CLIPPED:
                 is_clipped[number] = True
-                self.clipped_counts[number] += 1
+                unmarked_count = channel.take_unmarked_count()
+                self.clipped_counts[number] += 1 + unmarked_count
+                if unmarked_count:
+                    clipped_before = list(clipped_before or [0] * len(marked))
+                    clipped_before[number] = unmarked_count
                 continue
             marked[number] = math.nan
             if validity is Validity.MISSING and not math.isnan(voltages[number]):
@@ -290,7 +297,7 @@ class ReadingFilter:
             elif validity is Validity.FROZEN:
                 self.frozen_counts[number] += 1
                 self._mark_held_as_missing(number, channel.repeat_count)
-        return FilteredSample(time_s, marked, is_clipped, follows_pause)
+        return FilteredSample(time_s, marked, is_clipped, follows_pause, clipped_before)
 
     def remove_spikes(self, sample: FilteredSample, interval_s: float) -> list[FilteredSample]:
         """Remove spikes, and return the samples that are decided; see `SpikeFilter.receive`."""

@@ -264,7 +264,36 @@ def _remove_spikes(voltages: Array, noise_V: Array) -> Array:
         for offset in range(1, length + 1):
             inside = slice(offset, offset + len(middle))
             is_spike[inside] |= np.abs(voltages[inside] - middle) > limit
-    return np.where(is_spike, np.nan, voltages)
+    cleaned = np.where(is_spike, np.nan, voltages)
+    first = slice(MAX_SPIKE_SAMPLES)
+    cleaned[first][_find_spikes_at_start(cleaned, noise_V)] = np.nan
+    return cleaned
+
+
+def _find_spikes_at_start(voltages: Array, noise_V: Array) -> Mask:
+    """Mark those of the first voltages that are far outside the range of the later ones.
+
+    Spikes in the first samples do not come back to a voltage before them.
+
+    Parameters
+    ----------
+    voltages : ndarray, shape (n, electrodes)
+        Voltages in V; NaN where they are missing.
+    noise_V : ndarray, shape (electrodes,)
+        Standard deviations of a voltage.
+
+    Returns
+    -------
+    ndarray of bool, shape (`MAX_SPIKE_SAMPLES`, electrodes)
+    """
+    first = voltages[:MAX_SPIKE_SAMPLES]
+    later = voltages[MAX_SPIKE_SAMPLES:]
+    is_measured = ~np.isnan(later)
+    lowest = np.where(is_measured, later, np.inf).min(axis=0)
+    highest = np.where(is_measured, later, -np.inf).max(axis=0)
+    margin = SPIKE_DEVIATIONS * noise_V + np.maximum(highest - lowest, 0.0)
+    is_outside = (first > highest + margin) | (first < lowest - margin)
+    return np.asarray(is_outside & is_measured.any(axis=0))
 
 
 def _compute_medians(values: Array) -> Array:
