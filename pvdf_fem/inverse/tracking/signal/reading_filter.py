@@ -9,7 +9,7 @@ from enum import IntEnum, auto
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.channel_baseline import ChannelBaseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
-from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample, SettledSamples
 from pvdf_fem.inverse.tracking.signal.spike_filter import SpikeFilter
 
 #: Voltages beyond this magnitude in V are missing: no converter has such a range.
@@ -75,6 +75,8 @@ class ChannelFilter:
         self._rise_V = math.inf  # Sum of the last two differences.
         self._step_V = math.inf  # Smallest difference of two readings in a row.
         self.repeat_count = 1  #: Number of equal readings in a row.
+        self._dead_V = math.nan  # Reading that a channel without a signal repeats.
+        self._rejected_V = math.nan  # Reading of a frozen channel that is no limit.
         self._unmarked_count = 0  # Readings at a limit that was learned with the last one.
         self._equal_count = 1.0
         self._reading_count = 2.0
@@ -128,6 +130,8 @@ class ChannelFilter:
         else:
             self._finish_repeats()
             self._last_V = voltage
+        if voltage == self._dead_V:
+            return Validity.FROZEN
         if not self._range[0] < voltage < self._range[1]:
             return Validity.CLIPPED
         if voltage > self.high_V or voltage < self.low_V:
@@ -195,6 +199,8 @@ class ChannelFilter:
 
     def _learn_limit(self, voltage: float) -> None:
         """Learn a limit of the converter from a plateau that is the channel's extreme."""
+        if voltage == self._rejected_V:
+            return
         baseline = self._baseline
         distance_V = voltage - baseline.predict_line(baseline.time_s)
         if abs(distance_V) < MIN_CLIPPED_DEVIATIONS * baseline.noise_V:
@@ -206,6 +212,15 @@ class ChannelFilter:
         else:
             return
         self._unmarked_count = self.repeat_count - 1
+
+    def mark_dead(self) -> None:
+        """Let the channel be frozen for as long as it repeats its last reading."""
+        self._dead_V = self._last_V
+
+    def reject_limit(self) -> None:
+        """Forget the learned limits: the last reading was not clipped, but the channel froze."""
+        self.low_V, self.high_V = self._range
+        self._rejected_V = self._last_V
 
     def forget_extremes(self) -> None:
         """Forget the extreme voltages, after one of them was a spike."""
@@ -244,6 +259,19 @@ class ReadingFilter:
         #: Number of clipped readings, and of readings of frozen channels, by channel.
         self.clipped_counts = [0] * len(self.channels)
         self.frozen_counts = [0] * len(self.channels)
+
+    def note_settled(self, settled: SettledSamples) -> None:
+        """Note the spikes and the channels without a signal that were found in the first samples.
+
+        Parameters
+        ----------
+        settled : SettledSamples
+            The samples from which the baseline was learned.
+        """
+        self.spikes.add_counts(settled.spike_counts)
+        for channel, count in zip(self.channels, settled.baseline.count.tolist(), strict=True):
+            if not count:
+                channel.mark_dead()
 
     def mark(self, time_s: float, voltages: Sequence[float], follows_pause: bool) -> FilteredSample:
         """Mark the voltages of a sample that are missing, clipped or frozen.
