@@ -10,7 +10,11 @@ import numpy as np
 from pvdf_fem.arrays import Mask
 from pvdf_fem.inverse.tracking.charges.charge_record import ChargeRecord
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
-from pvdf_fem.inverse.tracking.problem.contact_problem import CandidateTouches, ContactProblem
+from pvdf_fem.inverse.tracking.problem.contact_problem import (
+    CandidateTouches,
+    ContactProblem,
+    FoundTouches,
+)
 from pvdf_fem.inverse.tracking.problem.force_curve import ForceCurve
 from pvdf_fem.inverse.tracking.signal.baseline import BaselineSnapshot
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
@@ -24,6 +28,9 @@ LOST_CHECK_SAMPLES = 32
 MIN_NOISE_RATIO = 2.0
 MIN_DEGREES_OF_FREEDOM = 60
 MAX_CHI_SQUARE = 1e4
+#: Fraction of the smallest force of the response below which a touch is located again only after
+#: `TrackOptions.relocation_growth`. A force that grows with the square of the time doubles in it.
+FAR_TOO_LIGHT = 0.5
 #: Number of samples after which steps of single channels are looked for again.
 STEP_CHECK_SAMPLES = 8
 
@@ -34,7 +41,8 @@ class ContactLocator:
     The position is located from the peak of the charges, first as soon as there are enough samples
     and their charges are significant. If that fails, it is tried again when there are a few more.
     Afterwards the position is located again each time the number of samples has grown by the
-    fraction `TrackOptions.relocation_growth`. At every sample the force at this position is fitted.
+    fraction `TrackOptions.relocation_growth`, near the touches that were found before if these
+    still explain the charges. At every sample the force at this position is fitted.
 
     Parameters
     ----------
@@ -55,6 +63,7 @@ class ContactLocator:
         self._chi_square_sum = 0.0  # Of all samples since the first location.
         self._freedom_sum = 0  # Their degrees of freedom.
         self._curve: ForceCurve | None = None
+        self._near: Array | None = None  # Coordinates that were found last, shape (n, 4).
         self._next_attempt = float(self.options.min_location_samples)
 
     def update(self, record: ChargeRecord, sample: ChargeSample, step_s: float) -> None:
@@ -87,13 +96,23 @@ class ContactLocator:
         if peak.significance <= self.options.min_significance:
             return
         self._next_attempt = (1.0 + self.options.relocation_growth) * len(record)
-        candidates = self.problem.locate(peak)
+        found = self.problem.search(peak, self._near)
+        candidates = None
+        if found is not None:
+            self._near = found.coordinates
+            candidates = self.problem.select_candidates(found, peak)
         if candidates is not None:
             self.candidates = candidates
             self.coordinates = candidates.likeliest.copy()
             self._curve = ForceCurve(self.problem, candidates.likeliest)
-        elif self.candidates is None:
+        elif self.candidates is None and not self._is_far_too_light(found):
             self._next_attempt = (1.0 + self.options.retry_growth) * len(record)
+
+    def _is_far_too_light(self, found: FoundTouches | None) -> bool:
+        """Whether the force will be too light until the number of samples has grown further."""
+        if found is None:
+            return False
+        return found.touches[0].force_N < FAR_TOO_LIGHT * self.problem.response.domain.force_N[0]
 
     def _compute_peak(self, record: ChargeRecord) -> ChargeSample:
         """Compute the charges at the peak of a record, with the noise that its samples have.
