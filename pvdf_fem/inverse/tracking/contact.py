@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from pvdf_fem.arrays import Mask
+from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.inverse.tracking.charges.charge_record import ChargeRecord
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.problem.contact_problem import (
@@ -16,7 +17,7 @@ from pvdf_fem.inverse.tracking.problem.contact_problem import (
     FoundTouches,
 )
 from pvdf_fem.inverse.tracking.problem.force_curve import ForceCurve
-from pvdf_fem.inverse.tracking.signal.baseline import BaselineSnapshot
+from pvdf_fem.inverse.tracking.signal.channel_baseline import ChannelSnapshot
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 from pvdf_fem.surrogate.touch_domain import TouchColumn
@@ -155,8 +156,8 @@ class Contact:
         Template of the least-squares problems, and the options.
     circuit : ReadoutCircuit
         Capacitances and resistances of the channels.
-    baseline : BaselineSnapshot
-        Baseline at the onset.
+    baseline : sequence of ChannelSnapshot
+        Baseline of each channel at the onset.
     is_settled : ndarray of bool, shape (electrodes,)
         Channels that have a baseline; the others count as missing.
     onset_s : float
@@ -170,17 +171,19 @@ class Contact:
         problem: ContactProblem,
         circuit: ReadoutCircuit,
         *,
-        baseline: BaselineSnapshot,
+        baseline: Sequence[ChannelSnapshot],
         is_settled: Mask,
         onset_s: float,
         detected_at_s: float,
     ) -> None:
         self.options = problem.options
         self.detected_at_s = detected_at_s
-        self.circuit = circuit
         self.baseline = baseline
         self.is_settled = is_settled
-        residual = baseline.predict_residual(onset_s)
+        self._capacitances = circuit.capacitance.tolist()
+        self._conductances = circuit.conductance.tolist()
+        self._noise_V = [channel.noise_V for channel in baseline]
+        residual = [channel.predict_residual(onset_s) for channel in baseline]
         self.record = ChargeRecord(circuit, onset_s, residual, problem.options)
         self.locator = ContactLocator(problem)
         #: Whether the contact was already there when the readings came back after a pause.
@@ -206,21 +209,29 @@ class Contact:
         (C + t/R) e.
         """
         record = self.record
-        baseline = self.baseline
-        circuit = self.circuit
         time_s = sample.time_s
-        voltages = np.array(sample.voltages)
         elapsed_s = time_s - record.onset_s
-        error_V = baseline.noise_V * baseline.compute_relative_errors(time_s, interval_s)
-        error_V = np.where(self.is_settled, error_V, 0.0)
-        drift_pC = (circuit.capacitance + circuit.conductance * elapsed_s) * error_V
-        above_line = np.where(self.is_settled, voltages - baseline.predict_line(time_s), np.nan)
-        is_clipped = np.array(sample.is_clipped) & self.is_settled
-        self.was_clipped |= is_clipped
-        self.was_missing |= np.isnan(above_line)
+        above_line = []
+        is_clipped = []
+        drift_pC = []
+        for number, channel in enumerate(self.baseline):
+            if not self.is_settled[number]:
+                above_line.append(math.nan)
+                is_clipped.append(False)
+                drift_pC.append(0.0)
+                continue
+            above_line.append(sample.voltages[number] - channel.predict_line(time_s))
+            is_clipped.append(sample.is_clipped[number])
+            error_V = channel.compute_error(time_s, interval_s)
+            charge_error = self._capacitances[number] + self._conductances[number] * elapsed_s
+            drift_pC.append(charge_error * error_V)
+        if any(is_clipped):
+            self.was_clipped |= is_clipped
+        if math.isnan(sum(above_line)):
+            self.was_missing |= np.isnan(above_line)
         step_s = time_s - record.end_s
         charges = record.add(
-            time_s, above_line, is_clipped, noise_V=baseline.noise_V, drift_pC=drift_pC
+            time_s, above_line, is_clipped, noise_V=self._noise_V, drift_pC=drift_pC
         )
         self.locator.update(record, charges, step_s)
 

@@ -313,7 +313,7 @@ class Tracker:
         contact = Contact(
             self._problem,
             self._circuit,
-            baseline=self._baseline.take_snapshot(watch.detector.drift_errors),
+            baseline=self._baseline.take_snapshots(watch.detector.drift_errors),
             is_settled=self._baseline.is_settled,
             onset_s=first.time_s - self._signal.interval_s,
             detected_at_s=samples[-1].time_s,

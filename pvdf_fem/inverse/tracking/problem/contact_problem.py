@@ -169,12 +169,14 @@ class ContactProblem(LocationProblem):
 
         See the notes of `with_sample`.
         """
-        charges_pC = self.unloaded_pC + sample.charges_pC
         # The error of the response is assumed to be uniformly distributed within its bound ±b.
-        response_error = self.response.error_bound / math.sqrt(3.0)
-        sampling_deviation = math.sqrt(sample.sampling_variance)
-        skew = self.options.sampling_skew * sampling_deviation * sample.direction
-        return sample.variance + np.square(response_error * charges_pC) + np.square(skew)
+        response_variance = self.response.error_bound**2 / 3.0
+        variance = sample.variance
+        variance += response_variance * np.square(self.unloaded_pC + sample.charges_pC)
+        if sample.sampling_variance:
+            skew_variance = self.options.sampling_skew**2 * sample.sampling_variance
+            variance += skew_variance * np.square(sample.direction)
+        return variance
 
     @property
     def log_force_range(self) -> tuple[float, float]:
