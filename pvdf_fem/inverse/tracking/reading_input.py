@@ -47,17 +47,10 @@ class ReadingInput:
         ValueError
             If a name is unknown, the number of readings is wrong, or one is not a number.
         """
-        names = self._names
-        if isinstance(readings, Mapping):
-            unknown = readings.keys() - {*names}
-            if unknown:
-                name = min(unknown)
-                raise ValueError(f"readings.{name}: no such channel; {suggest(name, names)}")
-            readings = [readings.get(name, math.nan) for name in names]
-        elif isinstance(readings, np.ma.MaskedArray):
-            readings = readings.astype(float).filled(math.nan)
-        if len(readings) != len(names):
-            advice = f"give one for each of {', '.join(names)}"
+        if not isinstance(readings, list):
+            readings = self._list_readings(readings)
+        if len(readings) != len(self._names):
+            advice = f"give one for each of {', '.join(self._names)}"
             raise ValueError(f"readings: {len(readings)} values; {advice}")
         voltages = []
         for reading, scale, shift in zip(readings, self._scale, self._shift, strict=True):
@@ -67,3 +60,22 @@ class ReadingInput:
                 reason = "is not a number; give a number in the unit of the readings, or nan"
                 raise ValueError(f"readings = {reading!r:.40}: {reason}") from None
         return voltages
+
+    def _list_readings(self, readings: Mapping[str, float] | Sequence[float]) -> Sequence[float]:
+        """Return readings in the order of the channels, NaN where they are missing.
+
+        Parameters
+        ----------
+        readings : mapping of str to float, or sequence of float
+            See `compute_voltages`.
+        """
+        names = self._names
+        if isinstance(readings, Mapping):
+            unknown = readings.keys() - {*names}
+            if unknown:
+                name = min(unknown)
+                raise ValueError(f"readings.{name}: no such channel; {suggest(name, names)}")
+            return [readings.get(name, math.nan) for name in names]
+        if isinstance(readings, np.ma.MaskedArray):
+            return np.asarray(readings.astype(float).filled(math.nan)).tolist()
+        return readings

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 from pvdf_fem.electrodes.channel import get_reading_unit, make_channels
 from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE
@@ -42,6 +41,8 @@ from pvdf_fem.surrogate.charge_function import ChargeFunction
 #: Largest number of samples that one call of `Tracker.update` processes; others wait for the next.
 #: When the baseline is learned, or a contact begins slowly, a tenth of a second of samples is due.
 MAX_SAMPLES_AT_ONCE = 100
+#: Row without a contact, whose copies are the rows of all such samples.
+QUIET_ROW = TrackRow(math.nan, TrackStatus.QUIET)
 
 
 class Tracker:
@@ -186,7 +187,7 @@ class Tracker:
                 break
             self._process(waiting.popleft())
         if is_behind or waiting:
-            self._row = replace(self._row, t_s=t)
+            self._row = self._row.copy_with(t_s=t)
         return self._row
 
     def finish(self) -> TrackRow:
@@ -305,7 +306,7 @@ class Tracker:
             self._begin_contact(contact_samples, watch)
             return
         missing = self._results.list_missing(sample)
-        self._row = TrackRow(sample.time_s, TrackStatus.QUIET, missing=missing)
+        self._row = QUIET_ROW.copy_with(t_s=sample.time_s, missing=missing)
 
     def _begin_contact(self, samples: Sequence[VoltageSample], watch: ContactWatch) -> None:
         """Begin a contact, and let its first samples be processed next."""
