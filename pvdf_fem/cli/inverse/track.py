@@ -302,7 +302,8 @@ class _Session:
             self._print_message(f"{self.name}: {count}{self.unit_doubt}")
         elif not touches and last.status != "settling":
             self._print_message(f"{self.name}: nothing touches{self.unit_doubt}")
-        is_incomplete = bool(unlocated) or last.status == "settling"
+        is_lost = bool(touches) and all(touch.status == "lost" for touch in touches)
+        is_incomplete = bool(unlocated) or is_lost or last.status == "settling"
         return ExitCode.NOT_CONVERGED if is_incomplete else ExitCode.CONVERGED
 
     def _print_notes(self) -> None:

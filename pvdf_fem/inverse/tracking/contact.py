@@ -229,24 +229,25 @@ class Contact:
             self.was_clipped |= is_clipped
         if math.isnan(sum(above_line)):
             self.was_missing |= np.isnan(above_line)
+        self._mark_clipped(sample.clipped_before)
         step_s = time_s - record.end_s
         charges = record.add(
             time_s, above_line, is_clipped, noise_V=self._noise_V, drift_pC=drift_pC
         )
         self.locator.update(record, charges, step_s)
 
-    def mark_clipped(self, number: int, count: int) -> None:
-        """Let the last voltages of a channel count as clipped, which have just been found to be.
+    def _mark_clipped(self, counts: Sequence[int]) -> None:
+        """Mark the last voltages as clipped that have been recorded as values.
 
         Parameters
         ----------
-        number : int
-            Number of the channel.
-        count : int
-            Number of samples.
+        counts : sequence of int
+            Number of samples, by channel; empty if there are none.
         """
-        self.was_clipped[number] = True
-        self.record.mark_clipped(number, count)
+        for number, count in enumerate(counts):
+            if count:
+                self.was_clipped[number] = True
+                self.record.mark_clipped(number, count)
 
     def exclude_channel(self, number: int) -> None:
         """Count a channel as missing in all samples, also in those before."""
@@ -268,6 +269,24 @@ class Contact:
         if not has_charges:
             self.was_only_a_step = True
             self.locator.candidates = None
+
+    def find_frozen_channel(self) -> int | None:
+        """Return a channel that seems clipped though the touch is almost over, or None.
+
+        The charges of the other channels have fallen below `TrackOptions.max_clipped_fraction` of
+        the largest. It is looked for rarely.
+        """
+        last = self.record.last
+        largest = self.record.largest
+        if len(self.record) % STEP_CHECK_SAMPLES or last is None or largest is None:
+            return None
+        is_clipped = last.is_clipped
+        others = ~is_clipped & last.is_measured
+        if not is_clipped.any() or not others.any():
+            return None
+        size = np.linalg.norm(last.charges_pC[others])
+        limit = self.options.max_clipped_fraction * np.linalg.norm(largest.charges_pC[others])
+        return int(np.argmax(is_clipped)) if size < limit else None
 
     @property
     def duration_s(self) -> float:

@@ -11,18 +11,17 @@ import numpy as np
 from scipy.special import chdtri, ndtri, stdtrit
 
 from pvdf_fem.inverse.tracking.options import TrackOptions
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 
 #: Weight of a new window in the variance of slow drifts.
 DRIFT_WEIGHT = 0.25
 
 
-class VoltageSample(NamedTuple):
-    """Voltages of the channels at one instant, and their deviations from the baseline."""
+class ComparedSample(NamedTuple):
+    """Sample with the deviations of its voltages from the baseline."""
 
-    time_s: float
-    voltages: list[float]  #: Voltages in V, NaN where they are missing.
-    is_clipped: list[bool]  #: Whether a voltage is only a limit of the true one.
-    #: Deviations from the baseline divided by the noise; 0 where they are missing.
+    sample: FilteredSample
+    #: Deviations divided by the noise, by channel; 0 where voltages are missing.
     deviations: Sequence[float]
 
 
@@ -68,7 +67,7 @@ class ContactDetector:
         """Remove all samples."""
         # A sample is removed for each that is added. Lists that are shortened from time to time
         # would let Python's garbage collector visit all objects again and again.
-        self._samples: deque[VoltageSample] = deque()
+        self._samples: deque[ComparedSample] = deque()
         self._number = 0  # Number of samples since the last time.
         # Sums of the deviations of all samples up to each sample, by channel. The first is that
         # before the oldest sample.
@@ -87,21 +86,21 @@ class ContactDetector:
         """Errors of the baseline by slow drifts, relative to the noise, by channel."""
         return [math.sqrt(variance) for variance in self._drift_variances]
 
-    def add(self, sample: VoltageSample) -> None:
+    def add(self, sample: ComparedSample) -> None:
         """Add the newest sample."""
         sums = self._sums[-1]
         self._sums.append([a + b for a, b in zip(sums, sample.deviations, strict=True)])
         self._samples.append(sample)
         self._number += 1
 
-    def remove_oldest(self) -> VoltageSample:
+    def remove_oldest(self) -> FilteredSample:
         """Remove the oldest sample and return it."""
         self._sums.popleft()
-        return self._samples.popleft()
+        return self._samples.popleft().sample
 
-    def get_samples(self) -> list[VoltageSample]:
+    def get_samples(self) -> list[FilteredSample]:
         """Return the samples that have not been removed, the oldest first."""
-        return list(self._samples)
+        return [compared.sample for compared in self._samples]
 
     def set_errors(self, errors: Sequence[float], noise_count: int) -> None:
         """Set the errors of the baseline and of its noise, which change slowly.
@@ -191,7 +190,7 @@ class ContactDetector:
         by √n, is largest. A quarter of n and two samples are added as a margin, so that the first
         weak samples of the contact are not missed.
         """
-        newest_first = [sample.deviations for sample in reversed(self._samples)]
+        newest_first = [compared.deviations for compared in reversed(self._samples)]
         errors = np.array(self._errors)
         sums = np.cumsum(newest_first, axis=0)
         windows = np.array(self.windows)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from pvdf_fem.inverse.tracking.contact_detector import ContactDetector, VoltageSample
+from pvdf_fem.inverse.tracking.contact_detector import ComparedSample, ContactDetector
 from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
@@ -34,6 +34,8 @@ class ContactWatch:
         Length of the detector's windows.
     verification_s : float
         Time after a pause within which a contact may have been there before its end.
+    touch_sign : float
+        Sign of the sum of the charges of a touch.
     """
 
     def __init__(
@@ -43,16 +45,18 @@ class ContactWatch:
         options: TrackOptions,
         *,
         verification_s: float,
+        touch_sign: float,
     ) -> None:
         self.baseline = baseline
         longest = max(int(sample_count * options.window_fraction), 1)
         self.detector = ContactDetector(len(baseline.channels), longest, options)
         self._verification_s = verification_s
+        self._touch_sign = touch_sign
         self._number = 0
         #: Until this time, a contact may have been there before the last pause ended.
         self.unverified_until_s = -math.inf
 
-    def add(self, sample: FilteredSample, interval_s: float) -> list[VoltageSample]:
+    def add(self, sample: FilteredSample, interval_s: float) -> list[FilteredSample]:
         """Add a sample, and return the samples of a contact that it completes.
 
         If no contact begins and the detector is full, its oldest sample is added to the baseline.
@@ -66,7 +70,7 @@ class ContactWatch:
 
         Returns
         -------
-        list of VoltageSample
+        list of FilteredSample
             The last samples if a contact has begun in them, else none.
         """
         detector = self.detector
@@ -76,7 +80,7 @@ class ContactWatch:
         deviations = []
         for channel, voltage in zip(self.baseline.channels, sample.voltages, strict=True):
             deviations.append(channel.compute_deviation(time_s, voltage))
-        detector.add(VoltageSample(time_s, sample.voltages, sample.is_clipped, deviations))
+        detector.add(ComparedSample(sample, deviations))
         if self._is_error_update_due():
             self._update_relative_errors(time_s, interval_s)
         self._number += 1
@@ -91,7 +95,7 @@ class ContactWatch:
         self.detector.clear()
         self._update_relative_errors(time_s, interval_s)
 
-    def _take_contact_samples(self, interval_s: float) -> list[VoltageSample]:
+    def _take_contact_samples(self, interval_s: float) -> list[FilteredSample]:
         """Return the samples of the contact that begins; earlier ones enter the baseline."""
         count = self.detector.count_contact_samples()
         while len(self.detector) > count:
@@ -101,9 +105,9 @@ class ContactWatch:
     def _resume_after_pause(self, sample: FilteredSample, interval_s: float) -> None:
         """Continue the baseline at the first sample after a pause.
 
-        The samples before the pause enter the baseline. Touches during the pause may have left
-        voltages, or something may press already: both are a residual, which is taken from the
-        first sample if it deviates from the baseline.
+        The samples before the pause enter the baseline. If the voltages then deviate as those of a
+        touch, something presses already, and a contact begins. Other deviations are voltages that
+        touches during the pause have left.
 
         Parameters
         ----------
@@ -116,15 +120,32 @@ class ContactWatch:
             self._move_oldest_sample_to_baseline(interval_s)
         self.detector.clear()
         time_s = sample.time_s
-        for channel, voltage in zip(self.baseline.channels, sample.voltages, strict=True):
+        charge_pC = 0.0
+        is_changed = []
+        capacitances = self.baseline.circuit.capacitance.tolist()
+        for channel, voltage, capacitance in zip(
+            self.baseline.channels, sample.voltages, capacitances, strict=True
+        ):
+            channel.stop_uncertain_slope(time_s, interval_s)
             deviation_V = voltage - channel.predict(time_s)
             error = channel.compute_relative_error(time_s, interval_s)
             limit_V = MAX_PAUSE_DEVIATIONS * math.hypot(1.0, error) * channel.noise_V
+            is_changed.append(abs(deviation_V) > limit_V)
+            if is_changed[-1]:
+                charge_pC += capacitance * deviation_V
+        if any(is_changed):
+            self.unverified_until_s = time_s + self._verification_s
+        is_pressed = self._touch_sign * charge_pC > 0.0
+        for channel, voltage, has_residual in zip(
+            self.baseline.channels, sample.voltages, is_changed, strict=True
+        ):
+            if is_pressed:
+                break
             channel.age(time_s, interval_s)
-            if abs(deviation_V) > limit_V:
+            if has_residual:
                 residual_V = voltage - channel.predict_line(time_s)
                 channel.replace_residual(time_s, residual_V, count=1)
-                self.unverified_until_s = time_s + self._verification_s
+        self._update_relative_errors(time_s, interval_s)
 
     def _is_error_update_due(self) -> bool:
         """Whether the relative errors of the baseline are computed again at this sample."""

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.scene.scene_file import suggest
+
+#: Larger times in s are no times.
+MAX_TIME_S = 1e15
 
 
 class ReadingInput:
@@ -54,11 +58,8 @@ class ReadingInput:
             raise ValueError(f"readings: {len(readings)} values; {advice}")
         voltages = []
         for reading, scale, shift in zip(readings, self._scale, self._shift, strict=True):
-            try:
-                voltages.append(float(reading) * scale + shift)
-            except (TypeError, ValueError):
-                reason = "is not a number; give a number in the unit of the readings, or nan"
-                raise ValueError(f"readings = {reading!r:.40}: {reason}") from None
+            value = reading if type(reading) is float else _coerce_reading(reading)
+            voltages.append(value * scale + shift)
         return voltages
 
     def _list_readings(self, readings: Mapping[str, float] | Sequence[float]) -> Sequence[float]:
@@ -68,6 +69,11 @@ class ReadingInput:
         ----------
         readings : mapping of str to float, or sequence of float
             See `compute_voltages`.
+
+        Raises
+        ------
+        ValueError
+            If a name is unknown, or the readings are no sequence.
         """
         names = self._names
         if isinstance(readings, Mapping):
@@ -78,4 +84,43 @@ class ReadingInput:
             return [readings.get(name, math.nan) for name in names]
         if isinstance(readings, np.ma.MaskedArray):
             return np.asarray(readings.astype(float).filled(math.nan)).tolist()
+        if not hasattr(readings, "__len__"):
+            advice = f"give one for each of {', '.join(names)}"
+            raise ValueError(f"readings = {readings!r:.40}: is no sequence; {advice}")
         return readings
+
+    @staticmethod
+    def coerce_time(t: Any) -> float:
+        """Return a time in s as a float; NaN if it is missing or far beyond any clock.
+
+        Raises
+        ------
+        ValueError
+            If it is not a number.
+        """
+        if t is np.ma.masked:
+            return math.nan
+        try:
+            time_s = float(t)
+        except (TypeError, ValueError, OverflowError):
+            raise ValueError(f"t = {t!r:.40}: is not a number; give the time in s") from None
+        return time_s if abs(time_s) < MAX_TIME_S else math.nan
+
+
+def _coerce_reading(reading: Any) -> float:
+    """Return a reading as a float; NaN for None and masked values.
+
+    Raises
+    ------
+    ValueError
+        If it is not a number.
+    """
+    if reading is None or reading is np.ma.masked:
+        return math.nan
+    try:
+        if isinstance(reading, bool | bytes):
+            raise TypeError
+        return float(reading)
+    except (TypeError, ValueError, OverflowError):
+        reason = "is not a number; give a number in the unit of the readings, or nan"
+        raise ValueError(f"readings = {reading!r:.40}: {reason}") from None

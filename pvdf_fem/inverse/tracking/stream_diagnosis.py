@@ -75,11 +75,13 @@ def correct_sample(
     charge_per_volt = np.array([channel.capacitance / channel.gain for channel in channels])
     readings = sample.charges_pC / charge_per_volt
     deviations = np.sqrt(sample.variance) / charge_per_volt
+    noise_variance = np.square(misreading.correct(deviations) * charge_per_volt)
+    is_measured = sample.is_measured[list(misreading.order)]
     zeros = np.zeros_like(readings)
     return replace(
         sample,
         charges_pC=misreading.correct(readings) * charge_per_volt,
-        noise_variance=np.square(misreading.correct(deviations) * charge_per_volt),
+        noise_variance=np.where(is_measured, noise_variance, ChargeSample.MISSING),
         walk_variance=zeros,
         drift_pC=zeros,
         sampling_variance=0.0,

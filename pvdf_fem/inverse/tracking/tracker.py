@@ -17,7 +17,6 @@ from pvdf_fem.electrodes.channel import get_reading_unit, make_channels
 from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.contact import Contact
-from pvdf_fem.inverse.tracking.contact_detector import VoltageSample
 from pvdf_fem.inverse.tracking.contact_watch import ContactWatch
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
 from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
@@ -27,10 +26,10 @@ from pvdf_fem.inverse.tracking.result_builder import ResultBuilder
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
-from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample, SettledSamples
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
 from pvdf_fem.inverse.tracking.signal.reading_filter import Validity
-from pvdf_fem.inverse.tracking.signal.settling import SettledSamples, Settling
+from pvdf_fem.inverse.tracking.signal.settling import Settling
 from pvdf_fem.inverse.tracking.signal.signal_chain import MIN_PAUSE_INTERVALS, SignalChain
 from pvdf_fem.inverse.tracking.stream_diagnosis import MAX_TESTED, find_misreading
 from pvdf_fem.inverse.tracking.stream_notes import StreamNotes
@@ -179,15 +178,16 @@ class Tracker:
         ValueError
             If a name is unknown, or the number of readings is wrong.
         """
+        time_s = self._input.coerce_time(t)
         waiting = self._waiting
-        waiting.extend(self._signal.receive(t, self._input.compute_voltages(readings)))
+        waiting.extend(self._signal.receive(time_s, self._input.compute_voltages(readings)))
         is_behind = not waiting
         for _ in range(MAX_SAMPLES_AT_ONCE):
             if not waiting:
                 break
             self._process(waiting.popleft())
         if is_behind or waiting:
-            self._row = self._row.copy_with(t_s=t)
+            self._row = self._row.copy_with(t_s=time_s)
         return self._row
 
     def finish(self) -> TrackRow:
@@ -209,6 +209,7 @@ class Tracker:
             self._finish_contact(self._contact, TrackStatus.LOST)
         if self._settling:
             self._finish_settling(self._settling)
+        self._notes.add_interval(self._signal.interval_s)
         self._note_misreading()
         return self._row
 
@@ -245,15 +246,16 @@ class Tracker:
     def _begin_to_watch(self, settled: SettledSamples) -> None:
         """Watch the baseline that has been learned, first in the samples after it."""
         self._baseline.set_lines(settled.baseline, self._signal.interval_s)
-        self._signal.removes_spikes = True
-        self._signal.filter.spikes.add_counts(settled.spike_counts)
+        self._signal.filter.note_settled(settled)
         self._watch = ContactWatch(
             self._baseline,
             settled.sample_count,
             self._options,
             verification_s=self._settling_s / 2.0,
+            touch_sign=self._problem.touch_sign,
         )
-        self._waiting.extendleft(reversed(settled.pending))
+        decided = self._signal.begin_to_remove_spikes(settled.pending, self._waiting)
+        self._waiting = deque(decided)
 
     def _report_touch_while_settling(self, begin_s: float, end_s: float) -> None:
         """Append a touch that began while the baseline was learned to `touches`, without position.
@@ -283,7 +285,8 @@ class Tracker:
     def _note_misreading(self) -> None:
         """Note which mistake in the readings explains the touches that were not located."""
         peaks = self._unexplained_peaks
-        if not peaks:
+        is_any_located = any(touch.status == TrackStatus.TOUCH for touch in self.touches)
+        if not peaks or is_any_located:
             return
         misreading = find_misreading(self._problem, self._channels, peaks, self._unit)
         if misreading:
@@ -308,7 +311,7 @@ class Tracker:
         missing = self._results.list_missing(sample)
         self._row = QUIET_ROW.copy_with(t_s=sample.time_s, missing=missing)
 
-    def _begin_contact(self, samples: Sequence[VoltageSample], watch: ContactWatch) -> None:
+    def _begin_contact(self, samples: Sequence[FilteredSample], watch: ContactWatch) -> None:
         """Begin a contact, and let its first samples be processed next."""
         first = samples[0]
         contact = Contact(
@@ -321,10 +324,7 @@ class Tracker:
         )
         contact.begins_in_pause = first.time_s < watch.unverified_until_s
         self._contact = contact
-        for sample in reversed(samples):
-            self._waiting.appendleft(
-                FilteredSample(sample.time_s, sample.voltages, sample.is_clipped)
-            )
+        self._waiting.extendleft(reversed(samples))
 
     def _continue_contact(self, sample: FilteredSample, contact: Contact) -> None:
         """Process a sample during a contact, and finish the contact if it has ended or is lost.
@@ -402,20 +402,20 @@ class Tracker:
     def _exclude_channels_without_signal(self, contact: Contact) -> None:
         """Exclude channels from a contact that froze in it, or have returned with another offset.
 
-        A channel that is found to be frozen or clipped has told wrong voltages for some samples
-        already.
+        A channel that is found to be frozen has given wrong voltages for some samples already.
 
         Parameters
         ----------
         contact : Contact
             Contact in progress.
         """
+        filters = self._signal.filter.channels
+        frozen = contact.find_frozen_channel()
+        if frozen is not None:
+            filters[frozen].reject_limit()
+            contact.exclude_channel(frozen)
         for number, channel in enumerate(self._baseline.channels):
-            channel_filter = self._signal.filter.channels[number]
-            unmarked_count = channel_filter.take_unmarked_count()
-            if unmarked_count:
-                contact.mark_clipped(number, unmarked_count)
-            is_frozen = channel_filter.validity is Validity.FROZEN
+            is_frozen = filters[number].validity is Validity.FROZEN
             if contact.is_settled[number] and (is_frozen or not channel.is_settled):
                 contact.exclude_channel(number)
 

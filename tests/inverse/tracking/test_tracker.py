@@ -342,3 +342,17 @@ def test_wrong_options_and_readings_are_rejected():
         Tracker(SENSOR).update(0.0, [1.0, 2.0, 3.0])
     with pytest.raises(ValueError, match=r"^readings\.E: no such channel"):
         Tracker(SENSOR).update(0.0, {"E": 1.0})
+
+
+@pytest.mark.parametrize("length", [1, 3])
+@pytest.mark.parametrize("before_end", [0, 1, 2, 3])
+def test_a_spike_while_the_baseline_becomes_known_is_no_touch(before_end, length):
+    """The baseline is known with the sample 400; the spike may go on after it."""
+    t, readings = make_stream(SENSOR, [TAP], 1.0, noise_V=5e-4)
+    start = 400 - before_end
+    readings[start : start + length, 1:3] += [5.0, -2.0]
+    tracker, _ = track(SENSOR, t, readings)
+    (touch,) = tracker.touches
+    assert_touch_is_tap(touch, TAP)
+    assert touch.missing == ""
+    assert len(tracker.notes) == 1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -75,6 +74,7 @@ class ChargeRecord:
         self._largest_size = -1.0
         self._last_size = 0.0
         self._hidden_size = 0.0  # Size in pC that the charges may have had during a pause.
+        self._excluded: set[int] = set()  # Channels that count as missing.
         self._next_end_check = 0.0
 
     def __len__(self) -> int:
@@ -113,6 +113,9 @@ class ChargeRecord:
         integrator = self._integrator
         charges_pC = integrator.add(time_s, voltages, is_clipped, noise_V)
         noise_variance = integrator.compute_noise_variance(voltages, is_clipped, noise_V)
+        for number in self._excluded:
+            charges_pC[number] = 0.0
+            noise_variance[number] = ChargeSample.MISSING
         # One array is made faster than five.
         walk_variance = integrator.walk_variance
         arrays = np.array([charges_pC, noise_variance, walk_variance, drift_pC, voltages])
@@ -125,7 +128,9 @@ class ChargeRecord:
             sampling_variance=integrator.sampling_variance,
             is_clipped=np.array(is_clipped),
         )
-        self._keep_peak_before_rows_are_halved()
+        if self._buffer.is_halved_by_next:
+            # The rows become coarser with this sample.
+            self._kept_peak = self.compute_peak()
         self._buffer.add(sample, arrays[4])
         size = math.hypot(*charges_pC)
         if size > self._largest_size:
@@ -182,18 +187,13 @@ class ChargeRecord:
         self._buffer.mark_clipped(number, count)
 
     def exclude_channel(self, number: int) -> None:
-        """Count the charges of an electrode as missing in all samples so far."""
+        """Count the charges of an electrode as missing in all samples, also in later ones."""
+        self._excluded.add(number)
         self._buffer.exclude_channel(number)
         self._kept_peak = self._kept_peak and self._kept_peak.without_channel(number)
         self.largest = self.largest and self.largest.without_channel(number)
         if self.largest:
             self._largest_size = float(np.linalg.norm(self.largest.charges_pC))
-
-    def _keep_peak_before_rows_are_halved(self) -> None:
-        """Keep the peak of the rows if the next sample makes them coarser."""
-        buffer = self._buffer
-        if buffer.is_halved_by_next:
-            self._kept_peak = self.compute_peak()
 
     @property
     def accumulated_variance(self) -> Array:
@@ -267,10 +267,10 @@ class ChargeRecord:
     def detect_end(self) -> bool:
         """Decide whether the contact has ended, and set `still_count` in either case.
 
-        A contact has ended when its charges have stopped changing and are zero within their
-        errors, or when they are negligible and hardly change. If they are small, they must have been constant for four times as
-        long. Charges that have never been significantly above the noise end the
-        contact only after `TrackOptions.patience_samples`. A clipped contact has not ended.
+        A contact has ended when its charges have stopped changing and are zero within their errors,
+        or when they are negligible and hardly change. If they are small, they must have been
+        constant for four times as long. Charges that have never exceeded the noise end the contact
+        only after `TrackOptions.patience_samples`. A contact does not end while it is clipped.
 
         Returns
         -------
@@ -400,14 +400,7 @@ class ChargeRecord:
         rows.drift_pC[:] = 0.0
         rows.sampling_variance[:] = corrected.sampling_variance
         if self._kept_peak is not None:
-            kept = bridge.condition(self._kept_peak)
-            self._kept_peak = replace(
-                self._kept_peak,
-                charges_pC=kept.charges_pC,
-                walk_variance=kept.walk_variance,
-                drift_pC=np.zeros_like(residual),
-                sampling_variance=float(kept.sampling_variance),
-            )
+            self._kept_peak = bridge.correct_sample(self._kept_peak)
         sizes = np.linalg.norm(rows.charges_pC, axis=1)
         self.largest = rows.get_sample(int(np.argmax(sizes)))
 

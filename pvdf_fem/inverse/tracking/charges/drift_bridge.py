@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +15,9 @@ from pvdf_fem.inverse.tracking.charges.sample_buffer import BufferedSamples
 class CorrectedCharges(NamedTuple):
     """Charges after the correction by their residual at the end; the drift is then zero."""
 
-    charges_pC: Array
-    walk_variance: Array
-    sampling_variance: Array
+    charges_pC: Array  #: Shape (electrodes,), or (samples, electrodes) for several samples.
+    walk_variance: Array  #: Variance in pC² of all errors but noise and sampling, as the charges.
+    sampling_variance: Array  #: Variance in pC², shape () or (samples,).
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +52,15 @@ class Bridge:
         ----------
         samples : ChargeSample or BufferedSamples
             Samples of the contact.
+
+        Returns
+        -------
+        CorrectedCharges
+            Charges less the mean of their errors, and the remaining variances; in arrays with the
+            shapes of those of the samples.
         """
-        sampling_variance = np.asarray(samples.sampling_variance)
+        # The estimate may fall, so that an earlier one may be larger than that at the end.
+        sampling_variance = np.minimum(samples.sampling_variance, self.sampling_total)
         sampling = np.multiply.outer(sampling_variance, self.along)
         covariance = samples.walk_variance + samples.drift_pC * self.drift_pC
         walk_variance = samples.walk_variance + np.square(samples.drift_pC)
@@ -62,4 +69,15 @@ class Bridge:
             samples.charges_pC - self.residual * (covariance + sampling) / self.total,
             np.maximum(walk_variance, 0.0),
             sampling_variance * (1.0 - sampling_variance / self.sampling_total),
+        )
+
+    def correct_sample(self, sample: ChargeSample) -> ChargeSample:
+        """Return a copy of a sample with the corrected charges and variances."""
+        corrected = self.condition(sample)
+        return replace(
+            sample,
+            charges_pC=corrected.charges_pC,
+            walk_variance=corrected.walk_variance,
+            drift_pC=np.zeros_like(sample.drift_pC),
+            sampling_variance=float(corrected.sampling_variance),
         )

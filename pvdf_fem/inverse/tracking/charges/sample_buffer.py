@@ -130,19 +130,23 @@ class SampleBuffer:
         return True
 
     def mark_clipped(self, number: int, count: int) -> None:
-        """Let the charges of an electrode in the last samples be limits.
+        """Mark the charges of an electrode in the rows of the last samples as limits.
 
         Parameters
         ----------
         number : int
             Number of the electrode.
         count : int
-            Number of samples.
+            Number of samples. Rows that hold only some of them are marked, too, and the row that is
+            not complete.
         """
-        row_count = -(-count // self.samples_per_row)
-        last = self.rows.select(slice(-row_count, None))
-        last.is_clipped[:, number] = True
-        last.noise_variance[:, number] = ChargeSample.MISSING
+        partial_count = self._partial_count
+        complete_count = max(count - partial_count, 0)
+        first = self.row_count - math.ceil(complete_count / self.samples_per_row)
+        end = self.row_count + 1 if partial_count else self.row_count
+        marked = self._rows.select(slice(max(first, 0), end))
+        marked.is_clipped[:, number] = True
+        marked.noise_variance[:, number] = ChargeSample.MISSING
 
     def exclude_channel(self, number: int) -> None:
         """Count the charges of an electrode as missing in all rows, also the incomplete one."""

@@ -1,9 +1,13 @@
-"""A sample of the voltages of all channels, with marks of those that are not values."""
+"""Samples of the voltages of all channels, with marks of those that are not values."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
+
+from pvdf_fem.inverse.tracking.signal.baseline import SettledBaseline
 
 
 class FilteredSample(NamedTuple):
@@ -13,6 +17,9 @@ class FilteredSample(NamedTuple):
     voltages: list[float]  #: In V; NaN where they are missing.
     is_clipped: list[bool]  #: Whether the voltage is only a limit of the true one.
     follows_pause: bool = False  #: Whether readings or times were missing before this sample.
+    #: Number of samples just before this one that were clipped though not marked so, by channel;
+    #: empty if there are none.
+    clipped_before: Sequence[int] = ()
 
     def remove_voltage(self, number: int) -> None:
         """Let the voltage of a channel be missing."""
@@ -31,3 +38,14 @@ class FilteredSample(NamedTuple):
     def has_missing(self) -> bool:
         """Whether a voltage is missing."""
         return math.isnan(sum(self.voltages))
+
+
+@dataclass(frozen=True, eq=False)
+class SettledSamples:
+    """Baseline of the first samples, and the samples after them."""
+
+    baseline: SettledBaseline
+    sample_count: int  #: Number of samples that the baseline was learned from.
+    spike_counts: list[int]  #: Number of readings that were spikes, by channel.
+    #: The last samples, without hum, which may already belong to a contact.
+    pending: list[FilteredSample]

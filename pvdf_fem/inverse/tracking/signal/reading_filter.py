@@ -9,7 +9,7 @@ from enum import IntEnum, auto
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.channel_baseline import ChannelBaseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
-from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample, SettledSamples
 from pvdf_fem.inverse.tracking.signal.spike_filter import SpikeFilter
 
 #: Voltages beyond this magnitude in V are missing: no converter has such a range.
@@ -75,7 +75,9 @@ class ChannelFilter:
         self._rise_V = math.inf  # Sum of the last two differences.
         self._step_V = math.inf  # Smallest difference of two readings in a row.
         self.repeat_count = 1  #: Number of equal readings in a row.
-        self.unmarked_count = 0  #: Readings at a new limit that were not marked as clipped.
+        self._dead_V = math.nan  # Reading that a channel without a signal repeats.
+        self._rejected_V = math.nan  # Reading of a frozen channel that is no limit.
+        self._unmarked_count = 0  # Readings at a limit that was learned with the last one.
         self._equal_count = 1.0
         self._reading_count = 2.0
         self.validity = Validity.VALUE  #: Validity of the last reading.
@@ -103,7 +105,7 @@ class ChannelFilter:
             self._last_V = voltage
             if voltage > self._max_V:
                 self._max_V = voltage
-            elif voltage < self._min_V:
+            if voltage < self._min_V:
                 self._min_V = voltage
             validity = Validity.VALUE
         else:
@@ -123,15 +125,16 @@ class ChannelFilter:
         else:
             self._finish_repeats()
             self._last_V = voltage
+        if voltage == self._dead_V:
+            return Validity.FROZEN
         if not self._range[0] < voltage < self._range[1]:
             return Validity.CLIPPED
         if voltage > self.high_V or voltage < self.low_V:
             # The learned limit was a frozen channel.
             self.low_V, self.high_V = self._range
-        if self._is_plateau():
+        if self.low_V < voltage < self.high_V and self._is_plateau():
             self._learn_limit(voltage)
-        is_within_limits = self.low_V < voltage < self.high_V
-        if not is_within_limits:
+        if not self.low_V < voltage < self.high_V:
             return Validity.CLIPPED
         return Validity.FROZEN if self._is_frozen() else Validity.VALUE
 
@@ -179,6 +182,8 @@ class ChannelFilter:
 
     def _learn_limit(self, voltage: float) -> None:
         """Learn a limit of the converter from a plateau that is the channel's extreme."""
+        if voltage == self._rejected_V:
+            return
         baseline = self._baseline
         distance_V = voltage - baseline.predict_line(baseline.time_s)
         if abs(distance_V) < MIN_CLIPPED_DEVIATIONS * baseline.noise_V:
@@ -189,7 +194,16 @@ class ChannelFilter:
             self.low_V = voltage
         else:
             return
-        self.unmarked_count = self.repeat_count - 1
+        self._unmarked_count = self.repeat_count - 1
+
+    def mark_dead(self) -> None:
+        """Let the channel be frozen for as long as it repeats its last reading."""
+        self._dead_V = self._last_V
+
+    def reject_limit(self) -> None:
+        """Forget the learned limits: the last reading was not clipped, but the channel froze."""
+        self.low_V, self.high_V = self._range
+        self._rejected_V = self._last_V
 
     def forget_extremes(self) -> None:
         """Forget the extreme voltages, after one of them was a spike."""
@@ -197,9 +211,12 @@ class ChannelFilter:
         self._max_V = -math.inf
 
     def take_unmarked_count(self) -> int:
-        """Return how many of the last readings were at a limit that has been learned just now."""
-        count = self.unmarked_count
-        self.unmarked_count = 0
+        """Return how many readings before the last one are clipped though classified as values.
+
+        The limit has been learned from them and the last one; afterwards the number is 0.
+        """
+        count = self._unmarked_count
+        self._unmarked_count = 0
         return count
 
 
@@ -226,6 +243,19 @@ class ReadingFilter:
         self.clipped_counts = [0] * len(self.channels)
         self.frozen_counts = [0] * len(self.channels)
 
+    def note_settled(self, settled: SettledSamples) -> None:
+        """Note the spikes and the channels without a signal that were found in the first samples.
+
+        Parameters
+        ----------
+        settled : SettledSamples
+            The samples from which the baseline was learned.
+        """
+        self.spikes.add_counts(settled.spike_counts)
+        for channel, count in zip(self.channels, settled.baseline.count.tolist(), strict=True):
+            if not count:
+                channel.mark_dead()
+
     def mark(self, time_s: float, voltages: Sequence[float], follows_pause: bool) -> FilteredSample:
         """Mark the voltages of a sample that are missing, clipped or frozen.
 
@@ -243,6 +273,7 @@ class ReadingFilter:
         """
         marked = list(voltages)
         is_clipped = [False] * len(marked)
+        clipped_before: Sequence[int] = ()
         sample = FilteredSample(time_s, marked, is_clipped, follows_pause)
         if sample.has_no_reading:
             return sample
@@ -255,7 +286,11 @@ class ReadingFilter:
                 continue
             if validity is Validity.CLIPPED:
                 is_clipped[number] = True
-                self.clipped_counts[number] += 1
+                unmarked_count = channel.take_unmarked_count()
+                self.clipped_counts[number] += 1 + unmarked_count
+                if unmarked_count:
+                    clipped_before = list(clipped_before or [0] * len(marked))
+                    clipped_before[number] = unmarked_count
                 continue
             marked[number] = math.nan
             if validity is Validity.MISSING and not math.isnan(voltages[number]):
@@ -263,7 +298,7 @@ class ReadingFilter:
             elif validity is Validity.FROZEN:
                 self.frozen_counts[number] += 1
                 self._mark_held_as_missing(number, channel.repeat_count)
-        return sample
+        return sample._replace(clipped_before=clipped_before) if clipped_before else sample
 
     def remove_spikes(self, sample: FilteredSample, interval_s: float) -> list[FilteredSample]:
         """Remove spikes, and return the samples that are decided; see `SpikeFilter.receive`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,11 +12,14 @@ from scipy.special import chdtri
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.inverse.tracking.signal.baseline import SettledBaseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
-from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample, SettledSamples
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
 
 #: Fewest samples from which a baseline is learned, however slow the sampling is.
 MIN_SETTLING_SAMPLES = 16
+#: Fraction of the readings that a channel with a signal has; loggers that read four channels in turn
+#: leave a quarter.
+MIN_MEASURED_FRACTION = 0.15
 MIN_FIT_SAMPLES = 4  #: Fewest voltages of a channel that a line is fitted to.
 #: Number of parts of the samples whose means must lie on a line.
 PART_COUNT = 8
@@ -36,17 +39,6 @@ ONSET_DEVIATIONS = 6.0
 MIN_TIME_CONSTANTS = 0.05
 #: A median of absolute values of a normal variable times this number is its standard deviation.
 MEDIAN_TO_DEVIATION = 1.4826
-
-
-@dataclass(frozen=True, eq=False)
-class SettledSamples:
-    """Baseline of the first samples, and the samples after them."""
-
-    baseline: SettledBaseline
-    sample_count: int  #: Number of samples that the baseline was learned from.
-    spike_counts: list[int]  #: Number of readings that were spikes, by channel.
-    #: The last samples, without hum, which may already belong to a contact.
-    pending: list[FilteredSample]
 
 
 class FittedBaseline(NamedTuple):
@@ -160,9 +152,13 @@ class Settling:
         ndarray, shape (electrodes,)
             Standard deviations in V, at least the given noise.
         """
-        differences = np.diff(voltages, n=2, axis=0)
-        # The squared coefficients of a second difference are 1 + 4 + 1.
-        deviation = MEDIAN_TO_DEVIATION * _compute_medians(np.abs(differences)) / math.sqrt(6.0)
+        deviation = np.zeros(voltages.shape[1])
+        for channel, values in enumerate(voltages.T):
+            differences = np.diff(values[~np.isnan(values)], n=2)
+            if len(differences):
+                # The squared coefficients of a second difference are 1 + 4 + 1.
+                median = float(np.median(np.abs(differences)))
+                deviation[channel] = MEDIAN_TO_DEVIATION * median / math.sqrt(6.0)
         return np.maximum(deviation, self._min_noise_V)
 
     def _fit(self, times_s: Array, voltages: Array) -> FittedBaseline:
@@ -233,11 +229,11 @@ class Settling:
 def _find_signals(voltages: Array) -> Mask:
     """Mark the channels that have a signal, shape (electrodes,).
 
-    A channel has no signal if most of its voltages are missing, or if they are all equal although
-    those of another channel are not.
+    A channel has no signal if all but a few of its voltages are missing, or if they are all equal
+    although those of another channel are not.
     """
     is_measured = ~np.isnan(voltages)
-    has_values = is_measured.sum(axis=0) > len(voltages) // 2
+    has_values = is_measured.sum(axis=0) > MIN_MEASURED_FRACTION * len(voltages)
     lowest = np.where(is_measured, voltages, np.inf).min(axis=0)
     highest = np.where(is_measured, voltages, -np.inf).max(axis=0)
     varies = lowest < highest
@@ -268,7 +264,36 @@ def _remove_spikes(voltages: Array, noise_V: Array) -> Array:
         for offset in range(1, length + 1):
             inside = slice(offset, offset + len(middle))
             is_spike[inside] |= np.abs(voltages[inside] - middle) > limit
-    return np.where(is_spike, np.nan, voltages)
+    cleaned = np.where(is_spike, np.nan, voltages)
+    first = slice(MAX_SPIKE_SAMPLES)
+    cleaned[first][_find_spikes_at_start(cleaned, noise_V)] = np.nan
+    return cleaned
+
+
+def _find_spikes_at_start(voltages: Array, noise_V: Array) -> Mask:
+    """Mark those of the first voltages that are far outside the range of the later ones.
+
+    Spikes in the first samples do not come back to a voltage before them.
+
+    Parameters
+    ----------
+    voltages : ndarray, shape (n, electrodes)
+        Voltages in V; NaN where they are missing.
+    noise_V : ndarray, shape (electrodes,)
+        Standard deviations of a voltage.
+
+    Returns
+    -------
+    ndarray of bool, shape (`MAX_SPIKE_SAMPLES`, electrodes)
+    """
+    first = voltages[:MAX_SPIKE_SAMPLES]
+    later = voltages[MAX_SPIKE_SAMPLES:]
+    is_measured = ~np.isnan(later)
+    lowest = np.where(is_measured, later, np.inf).min(axis=0)
+    highest = np.where(is_measured, later, -np.inf).max(axis=0)
+    margin = SPIKE_DEVIATIONS * noise_V + np.maximum(highest - lowest, 0.0)
+    is_outside = (first > highest + margin) | (first < lowest - margin)
+    return np.asarray(is_outside & is_measured.any(axis=0))
 
 
 def _compute_medians(values: Array) -> Array:

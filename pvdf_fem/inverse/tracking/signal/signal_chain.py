@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -73,6 +73,34 @@ class SignalChain:
             samples.extend(self._filter(stamped))
         return samples
 
+    def begin_to_remove_spikes(
+        self, learned: Iterable[FilteredSample], later: Iterable[FilteredSample]
+    ) -> list[FilteredSample]:
+        """Remove spikes from now on, since the noise of the baseline is known.
+
+        Parameters
+        ----------
+        learned : iterable of FilteredSample
+            Last samples from which hum was learned; it is already subtracted from them.
+        later : iterable of FilteredSample
+            Samples that were received after them.
+
+        Returns
+        -------
+        list of FilteredSample
+            Those of the samples that are decided. The last ones are held back if they may be a
+            spike.
+        """
+        if self.removes_spikes:
+            return [*learned, *later]  # They have passed the filters.
+        self.removes_spikes = True
+        decided = []
+        for sample in learned:
+            decided.extend(self.filter.remove_spikes(sample, self.interval_s))
+        for sample in later:
+            decided.extend(self._clean(sample))
+        return decided
+
     def flush(self) -> list[FilteredSample]:
         """Return the samples that are held back at the end of the stream."""
         samples: list[FilteredSample] = []
@@ -89,9 +117,14 @@ class SignalChain:
         is_pause = pause_s > MIN_PAUSE_INTERVALS * self.interval_s
         follows_pause = is_pause or stamped.event is ClockEvent.RESTART
         sample = self.filter.mark(time_s, stamped.values, follows_pause)
+        if not sample.has_no_reading:
+            self._last_time_s = time_s
+        return self._clean(sample)
+
+    def _clean(self, sample: FilteredSample) -> list[FilteredSample]:
+        """Remove hum and spikes from a sample, and return the samples that are decided."""
         if sample.has_no_reading:
             return [sample]
-        self._last_time_s = time_s
         sample = self._subtract_hum(sample)
         if not self.removes_spikes:
             return [sample]
