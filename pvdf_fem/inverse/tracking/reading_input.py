@@ -38,8 +38,8 @@ class ReadingInput:
         Parameters
         ----------
         readings : mapping of str to float, or sequence of float
-            Readings by name, or in the order of the channels. A reading is missing if it is NaN,
-            infinite or masked, or if its name is not in the mapping.
+            Readings by name, or in the order of the channels. A reading is missing if it is NaN or
+            masked, or if its name is not in the mapping. An infinite one is beyond the range.
 
         Returns
         -------

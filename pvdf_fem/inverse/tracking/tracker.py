@@ -165,8 +165,8 @@ class Tracker:
             Time of the sample in s.
         readings : mapping of str to float, or sequence of float
             Readings of the channels, by name or in the order of the response's electrodes. A
-            reading is missing if it is NaN, infinite or masked, or if its name is not in the
-            mapping.
+            reading is missing if it is NaN or masked, or if its name is not in the mapping. An
+            infinite one is beyond the range of the channel.
 
         Returns
         -------

@@ -106,7 +106,7 @@ class Baseline:
                 count=int(settled.count[number]),
             )
             residual = float(settled.residual[number])
-            if residual:
+            if residual and channel.line_count:  # else the channel had no reading
                 channel.replace_residual(settled.time_s, residual, count=channel.line_count)
 
     def replace_residuals(self, times_s: Array, voltages: Array) -> None:
