@@ -91,7 +91,8 @@ class ChannelFilter:
         time_s : float
             Time of the reading.
         voltage : float
-            Voltage in V before gain and offset; NaN if it is missing.
+            Voltage in V before gain and offset; NaN if it is missing, and infinite if it is marked
+            as beyond the range.
         """
         if voltage != self._last_V and self.low_V < voltage < self.high_V:
             if self.repeat_count > 1:
@@ -118,6 +119,10 @@ class ChannelFilter:
 
     def _classify_unusual(self, voltage: float) -> Validity:
         """Classify a reading that is missing, at a limit, or equal to the one before."""
+        if math.isinf(voltage):
+            self._finish_repeats()
+            self._last_V = voltage
+            return Validity.MISSING if math.isinf(self.limit_voltage(voltage)) else Validity.CLIPPED
         if not abs(voltage) < MAX_VOLTAGE_V:  # also NaN
             return Validity.MISSING
         if voltage == self._last_V:
@@ -137,6 +142,18 @@ class ChannelFilter:
         if not self.low_V < voltage < self.high_V:
             return Validity.CLIPPED
         return Validity.FROZEN if self._is_frozen() else Validity.VALUE
+
+    def limit_voltage(self, voltage: float) -> float:
+        """Return a voltage; for an infinite one the limit that it is beyond.
+
+        This is the end of the converter's range, or else the extreme voltage so far, which the
+        converter could still tell. It is infinite before the first voltage.
+        """
+        if voltage == math.inf:
+            return self._range[1] if self._range[1] < MAX_VOLTAGE_V else self._max_V
+        if voltage == -math.inf:
+            return self._range[0] if self._range[0] > -MAX_VOLTAGE_V else self._min_V
+        return voltage
 
     def _finish_repeats(self) -> None:
         """Count the equal readings that have ended, unless the channel was frozen."""
@@ -267,15 +284,17 @@ class ReadingFilter:
         time_s : float
             Time of the sample.
         voltages : sequence of float
-            Voltages in V.
+            Voltages in V; NaN where they are missing, and infinite where they are marked as beyond
+            the range.
         follows_pause : bool
             Whether samples are missing before this one.
         """
         marked = list(voltages)
         is_clipped = [False] * len(marked)
         clipped_before: Sequence[int] = ()
-        if all(map(math.isnan, marked)):
-            return FilteredSample(time_s, marked, is_clipped, follows_pause)
+        sample = FilteredSample(time_s, marked, is_clipped, follows_pause)
+        if sample.has_no_reading:
+            return sample
         for number, channel in enumerate(self.channels):
             before = channel.validity
             validity = channel.classify(time_s, marked[number])
@@ -285,6 +304,7 @@ class ReadingFilter:
                 continue
             if validity is Validity.CLIPPED:
                 is_clipped[number] = True
+                marked[number] = channel.limit_voltage(marked[number])
                 unmarked_count = channel.take_unmarked_count()
                 self.clipped_counts[number] += 1 + unmarked_count
                 if unmarked_count:
@@ -297,7 +317,7 @@ class ReadingFilter:
             elif validity is Validity.FROZEN:
                 self.frozen_counts[number] += 1
                 self._mark_held_as_missing(number, channel.repeat_count)
-        return FilteredSample(time_s, marked, is_clipped, follows_pause, clipped_before)
+        return sample._replace(clipped_before=clipped_before) if clipped_before else sample
 
     def remove_spikes(self, sample: FilteredSample, interval_s: float) -> list[FilteredSample]:
         """Remove spikes, and return the samples that are decided; see `SpikeFilter.receive`."""
