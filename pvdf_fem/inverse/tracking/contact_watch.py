@@ -1,4 +1,4 @@
-"""Watching the baseline: samples outside of contacts, until the next contact begins."""
+"""Watch of the baseline: the samples between contacts, until the next contact begins."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 
 #: Touches in a pause have left voltages if the first sample after it deviates from the baseline by
-#: more standard deviations.
+#: more standard deviations. Noise does so after one pause of 16,000.
 MAX_PAUSE_DEVIATIONS = 4.0
 #: Number of samples after which the relative errors of the baseline are computed again, in general
 #: and while they change quickly. A line that is learned again counts from 8 samples on.
@@ -19,7 +19,7 @@ QUICK_UPDATE_SAMPLES = 4
 
 
 class ContactWatch:
-    """Follows the baseline, and tells when a contact begins.
+    """Watch of the baseline between contacts, which notices when a contact begins.
 
     The last samples stay in the `ContactDetector`; they enter the baseline when they are certain
     not to belong to a contact.
@@ -31,9 +31,10 @@ class ContactWatch:
     sample_count : int
         Number of samples that it was learned from.
     options : TrackOptions
-        Length of the detector's windows.
+        Length of the detector's windows, and its probability of a false alarm.
     verification_s : float
-        Time after a pause within which a contact may have been there before its end.
+        Time after a pause with a residual: a contact that is noticed within it may have begun
+        during the pause.
     """
 
     def __init__(
@@ -49,7 +50,7 @@ class ContactWatch:
         self.detector = ContactDetector(len(baseline.channels), longest, options)
         self._verification_s = verification_s
         self._number = 0
-        #: Until this time, a contact may have been there before the last pause ended.
+        #: A contact that begins before this time in s may have begun during the last pause.
         self.unverified_until_s = -math.inf
 
     def add(self, sample: FilteredSample, interval_s: float) -> list[FilteredSample]:
@@ -87,7 +88,7 @@ class ContactWatch:
         return []
 
     def restart(self, time_s: float, interval_s: float) -> None:
-        """Watch again after a contact that ended at a given time, without its samples."""
+        """Watch again after a contact that ended at `time_s`, without its samples."""
         self.detector.clear()
         self._update_relative_errors(time_s, interval_s)
 
@@ -131,7 +132,7 @@ class ContactWatch:
         """Whether the relative errors of the baseline are computed again at this sample."""
         if self._number % QUICK_UPDATE_SAMPLES:
             return False
-        return self._number % ERROR_UPDATE_SAMPLES == 0 or self.baseline.has_new_residual()
+        return self._number % ERROR_UPDATE_SAMPLES == 0 or self.baseline.has_changing_error()
 
     def _update_relative_errors(self, time_s: float, interval_s: float) -> None:
         """Update the errors of the baseline relative to the noise."""

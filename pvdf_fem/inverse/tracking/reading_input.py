@@ -12,7 +12,7 @@ from pvdf_fem.scene.scene_file import suggest
 
 
 class ReadingInput:
-    """Converts readings to voltages before gain and offset.
+    """Converter of readings to the voltages before gain and offset.
 
     Parameters
     ----------

@@ -21,7 +21,8 @@ from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 END_CHECK_GROWTH = 1.0 / 64.0
 #: Number of rows from which the slope of the charges before a pause is estimated.
 SLOPE_ROWS = 4
-#: A pause may have hidden the peak if the charges in it may have exceeded it by this factor.
+#: A pause may have hidden the peak if the charges in it may have exceeded the measured peak by this
+#: factor. A smaller excess changes the force by two percent or so.
 HIDDEN_PEAK_FACTOR = 1.02
 
 
