@@ -2,7 +2,8 @@
 
 A converter outputs the end of its range instead of any reading beyond it. Such a reading is a limit
 of the true one, not a value. Limits come from ``readout.range_V``, or from plateaus: values at the
-extreme of a channel that occur more often than chance allows.
+extreme of a channel that occur more often than chance allows. An instrument may also mark a reading
+as beyond its range, without a number.
 """
 
 from __future__ import annotations
@@ -112,7 +113,8 @@ def find_plateaus(readings: Array, channels: Sequence[Channel], unit: str) -> Re
     Parameters
     ----------
     readings : ndarray, shape (n, channels)
-        Rows of readings; NaN where missing. Repeated rows count once.
+        Rows of readings; NaN where missing, infinite where marked as beyond the range. Repeated
+        rows count once.
     channels : sequence of Channel
         Channels of the readings, with their offsets.
     unit : str
@@ -138,11 +140,86 @@ def find_plateaus(readings: Array, channels: Sequence[Channel], unit: str) -> Re
         volts = np.unique(readings, axis=0) * compute_volts_per_unit(channels, unit) - offsets
         is_clipped_above = _mark_plateaus(volts)
         is_clipped_below = _mark_plateaus(-volts)
-        for index in np.flatnonzero(is_clipped_above).tolist():
-            high[index] = np.nanmax(readings[:, index])
-        for index in np.flatnonzero(is_clipped_below).tolist():
-            low[index] = np.nanmin(readings[:, index])
+        extremes = measure_extremes(readings)
+        high = np.where(is_clipped_above, extremes.high, high)
+        low = np.where(is_clipped_below, extremes.low, low)
     return ReadingLimits(low, high)
+
+
+def measure_extremes(readings: Array) -> ReadingLimits:
+    """Return the lowest and the highest finite reading of each channel.
+
+    Parameters
+    ----------
+    readings : ndarray, shape (n, channels)
+        Rows of readings; NaN where missing, infinite where marked as beyond the range.
+
+    Returns
+    -------
+    ReadingLimits
+        For a channel without finite readings, ∞ is the lowest and -∞ the highest one.
+    """
+    is_finite = np.isfinite(readings)
+    low = np.where(is_finite, readings, math.inf).min(axis=0, initial=math.inf)
+    high = np.where(is_finite, readings, -math.inf).max(axis=0, initial=-math.inf)
+    return ReadingLimits(low, high)
+
+
+class TableLimits:
+    """Limits at which the channels of a table clip, which are learned while its rows arrive.
+
+    They are plateaus, and the extremes of channels with readings that the instrument has marked as
+    beyond its range. Where this range is not stated, it contains all readings of the channel: a
+    marked reading is beyond their extreme.
+
+    Parameters
+    ----------
+    channels : sequence of Channel
+        Channels of the readings, with their ranges.
+    """
+
+    def __init__(self, channels: Sequence[Channel]) -> None:
+        self.channels = tuple(channels)
+        none = np.full(len(channels), math.inf)
+        self._plateaus = ReadingLimits(-none, none)
+        self._extremes = ReadingLimits(none, -none)
+        self._is_marked_low = np.zeros(len(channels), dtype=bool)
+        self._is_marked_high = np.zeros(len(channels), dtype=bool)
+
+    def learn(self, readings: Array, unit: str) -> ReadingLimits:
+        """Learn from rows of readings, and return the limits for them.
+
+        Parameters
+        ----------
+        readings : ndarray, shape (n, channels)
+            Rows of readings; NaN where missing, infinite where marked as beyond the range.
+        unit : str
+            Unit of the readings, a key of `list_units_pC`.
+
+        Returns
+        -------
+        ReadingLimits
+            Infinite for channels that do not clip.
+        """
+        self._plateaus = self._plateaus.tighten(find_plateaus(readings, self.channels, unit))
+        extremes = measure_extremes(readings)
+        self._extremes = ReadingLimits(
+            np.minimum(self._extremes.low, extremes.low),
+            np.maximum(self._extremes.high, extremes.high),
+        )
+        self._is_marked_low |= np.isneginf(readings).any(axis=0)
+        self._is_marked_high |= np.isposinf(readings).any(axis=0)
+        return self._plateaus.tighten(self._make_marked_limits())
+
+    def _make_marked_limits(self) -> ReadingLimits:
+        """Return numbers just beyond the extremes of marked channels without a stated range."""
+        has_low = [math.isfinite(channel.low_V) for channel in self.channels]
+        has_high = [math.isfinite(channel.high_V) for channel in self.channels]
+        is_low = self._is_marked_low & ~np.array(has_low) & np.isfinite(self._extremes.low)
+        is_high = self._is_marked_high & ~np.array(has_high) & np.isfinite(self._extremes.high)
+        below = np.nextafter(self._extremes.low, -math.inf)
+        above = np.nextafter(self._extremes.high, math.inf)
+        return ReadingLimits(np.where(is_low, below, -math.inf), np.where(is_high, above, math.inf))
 
 
 class _Extreme(NamedTuple):

@@ -279,8 +279,10 @@ class NumberColumns:
 
     def __post_init__(self) -> None:
         self.numbers = self.table.numbers
-        #: How often each word stood in place of a number, by heading and word.
+        #: How often each word stood in place of a missing number, by heading and word.
         self.words = Counter[tuple[str, str]]()
+        #: How often each word marked a number as beyond the range, by heading and word.
+        self.range_words = Counter[tuple[str, str]]()
         self._readers = [_make_cell_reader(self.table, column) for column in self.columns]
         if self.table.reopen is not None and not self.numbers.decimal:
             self._learn_from_file(self.table.reopen())
@@ -297,7 +299,7 @@ class NumberColumns:
         -------
         list of float
             NaN for missing numbers, and ±∞ for those that are marked as beyond the range of an
-            instrument. Such words are counted in `words`.
+            instrument. Such words are counted in `words` and `range_words`.
 
         Raises
         ------
@@ -318,7 +320,7 @@ class NumberColumns:
                 heading = self.table.columns[index].heading
                 raise CellError(f"row {row.number}, column {heading}: {error}") from None
             if value - value != 0.0:  # NaN or infinite
-                self._count_word(index, cells[index])
+                self._count_word(index, cells[index], value)
             values.append(value)
         return values
 
@@ -377,11 +379,17 @@ class NumberColumns:
             return []
         return _list_texts([row.cells[column.index] for column in self.columns])
 
-    def _count_word(self, index: int, cell: Any) -> None:
-        """Count a word that stood in place of a number; empty cells are not counted."""
+    def _count_word(self, index: int, cell: Any, value: float) -> None:
+        """Count a word that stood in place of a number, by its value, NaN or infinite.
+
+        Empty cells are not counted. Files of loggers mark numbers without words.
+        """
         text = _get_text(cell)
-        if text:
-            self.words[self.table.columns[index].heading, text] += 1
+        heading = self.table.columns[index].heading
+        if math.isinf(value):
+            self.range_words[heading, text or f"{value:g}"] += 1
+        elif text:
+            self.words[heading, text] += 1
 
 
 def _get_text(cell: Any) -> str:

@@ -397,6 +397,22 @@ def test_a_table_names_the_channels_that_clip(option, run):
     assert "range_V" in message
 
 
+def test_words_for_readings_beyond_the_range_are_limits(run):
+    touches = draw_uniform_touches(40, seed=3, reach_mm=9.0)
+    charges = make_bump_response("rectangle").evaluate(touches)[0]
+    strongest = int(charges[:, 1].argmax())
+    lines = table(charges, touches).splitlines()
+    cells = lines[strongest + 1].split(",")
+    cells[lines[0].split(",").index("B")] = "OVER"
+    lines[strongest + 1] = ",".join(cells)
+    done = run("\n".join([*lines, ""]), "--quick")
+    found = rows_of(done.out)
+    assert [i for i, row in enumerate(found) if row["clipped"]] == [strongest]
+    assert found[strongest]["clipped"] == "B"
+    assert "readings beyond the range: B: 1 OVER" in done.err
+    assert "missing readings" not in done.err
+
+
 def test_clipped_charges_are_named_and_too_many_are_refused(folder, made_up_responses, command):
     """Charges of one touch as options, with a range in the scene."""
     charges = make_bump_response("rectangle").evaluate(TOUCH)[0][0]

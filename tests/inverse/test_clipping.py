@@ -10,7 +10,12 @@ from scipy.stats import norm
 
 from pvdf_fem import Scene
 from pvdf_fem.electrodes.channel import make_channels
-from pvdf_fem.inverse.clipping import ReadingLimits, compute_range_limits, find_plateaus
+from pvdf_fem.inverse.clipping import (
+    ReadingLimits,
+    TableLimits,
+    compute_range_limits,
+    find_plateaus,
+)
 from pvdf_fem.inverse.normal_equations import apply_one_sided_likelihood
 
 CHANNELS = make_channels(Scene())  # four, of 1000 pF
@@ -155,3 +160,22 @@ def test_offsets_are_not_readings_at_the_end_of_a_range(offset_V):
     quiet[:, 0] = [0.0, 1.0, 2.0, 3.0]
     readings = np.concatenate([draw_readings(2), quiet]) + 1e3 * offset_V
     assert np.isinf(find_plateaus(readings, channels, "pC").low).all()
+
+
+def test_readings_that_are_marked_are_beyond_all_others_of_their_channel():
+    """Without a stated range; rows may come in parts, and a channel may have no number at all."""
+    channels = make_channels(Scene(readout={"range_V": {"C": [-2.0, 2.0]}}))
+    readings = draw_readings(4, 40)
+    readings[[3, 12, 30, 7], [0, 0, 1, 2]] = [np.inf, np.inf, -np.inf, np.inf]
+    readings[:, 3] = np.inf
+    limits = TableLimits(channels)
+    limits.learn(readings[:20], "pC")
+    found = limits.learn(readings[20:], "pC")
+    sides = found.tighten(compute_range_limits(channels, "pC")).find_sides(readings)
+    marked = np.where(np.isfinite(readings), 0, np.sign(readings))
+    marked[:, 3] = 0  # unknown
+    assert sides.tolist() == marked.tolist()
+    finite = readings[:, :2][np.isfinite(readings[:, :2]).all(axis=1)]
+    assert found.high[0] == pytest.approx(finite[:, 0].max(), rel=1e-12)
+    assert found.low[1] == pytest.approx(finite[:, 1].min(), rel=1e-12)
+    assert np.isinf([*found.low[[0, 2, 3]], *found.high[1:]]).all()

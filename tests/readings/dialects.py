@@ -25,6 +25,7 @@ class ReadTable(NamedTuple):
     rows: list[list[float] | str]
     unit: str | None
     words: dict[tuple[str, str], int]
+    range_words: dict[tuple[str, str], int]
 
 
 def read_table(text: str | bytes, *, electrodes=ELECTRODES, unit=None, is_live=False) -> ReadTable:
@@ -50,7 +51,7 @@ def read_table(text: str | bytes, *, electrodes=ELECTRODES, unit=None, is_live=F
                 rows.append(numbers.read(row))
             except CellError as error:
                 rows.append(str(error))
-    return ReadTable(rows, unit, dict(numbers.words))
+    return ReadTable(rows, unit, dict(numbers.words), dict(numbers.range_words))
 
 
 @dataclass(frozen=True)

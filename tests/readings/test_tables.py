@@ -119,8 +119,9 @@ def test_a_stream_decides_by_its_first_rows():
 
 
 def test_words_in_place_of_numbers_are_counted():
-    read = read_table("A,B\nOVER,1\nOVER,nan\n,2\n")
-    assert read.words == {("A", "OVER"): 2, ("B", "nan"): 1}
+    read = read_table("A,B\nOVER,1\nOVER,nan\n,-9.9E37\n")
+    assert read.words == {("B", "nan"): 1}
+    assert read.range_words == {("A", "OVER"): 2, ("B", "-9.9E37"): 1}
 
 
 # ----------------------------------------------------------------------------------------- units

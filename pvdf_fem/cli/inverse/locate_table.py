@@ -133,7 +133,8 @@ class _RowLocator:
     def __init__(
         self, scene: Scene, request: Request, options: argparse.Namespace, table: Table
     ) -> None:
-        from pvdf_fem.electrodes.channel import get_reading_unit
+        from pvdf_fem.electrodes.channel import get_reading_unit, make_channels
+        from pvdf_fem.inverse.clipping import TableLimits
         from pvdf_fem.inverse.touch.locate import get_scene_quantities
 
         self.scene = scene
@@ -175,6 +176,8 @@ class _RowLocator:
         )
         #: Lowest and highest readings at which channels have turned out to clip.
         self.limits: dict[str, tuple[float, float]] = {}
+        channels = [each for each in make_channels(scene) if each.name in self.electrodes]
+        self._table_limits = TableLimits(channels)
         self._is_unit_settled = False
 
     def _settle_unit(self, numbers: Mapping[str, Array]) -> None:
@@ -235,16 +238,11 @@ class _RowLocator:
         numbers : mapping of str to ndarray, shape (rows,)
             Readings by electrode; other quantities are ignored.
         """
-        from pvdf_fem.electrodes.channel import make_channels
-        from pvdf_fem.inverse.clipping import find_plateaus
-
-        channels = [each for each in make_channels(self.scene) if each.name in self.electrodes]
-        readings = np.stack([numbers[channel.name] for channel in channels], axis=1)
-        found = find_plateaus(readings, channels, self.unit)
-        pairs = zip(found.low.tolist(), found.high.tolist(), strict=True)
-        for channel, (low, high) in zip(channels, pairs, strict=True):
-            known_low, known_high = self.limits.get(channel.name, (-np.inf, np.inf))
-            self.limits[channel.name] = (max(low, known_low), min(high, known_high))
+        names = [channel.name for channel in self._table_limits.channels]
+        readings = np.stack([numbers[name] for name in names], axis=1)
+        found = self._table_limits.learn(readings, self.unit)
+        limits = zip(found.low.tolist(), found.high.tolist(), strict=True)
+        self.limits = dict(zip(names, limits, strict=True))
 
     def _locate_numbers(self, numbers: Mapping[str, Array]) -> dict[str, list[Any]]:
         """Locate touches, and return the columns of the output that describe them.
@@ -304,9 +302,8 @@ class _RowLocator:
         name = self.numbers.table.name
         for reason in self.malformed:
             print(f"{name}: {reason}", file=sys.stderr)
-        words = describe_words(self.numbers)
-        if words:
-            print(f"{name}: missing readings: {words}", file=sys.stderr)
+        for words in describe_words(self.numbers):
+            print(f"{name}: {words}", file=sys.stderr)
 
     def _read_numbers(self, rows: Sequence[Row]) -> tuple[dict[str, Array], list[_RowNote]]:
         """Read the numbers of rows.

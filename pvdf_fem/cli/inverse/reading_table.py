@@ -6,7 +6,7 @@ import csv
 import json
 import math
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -124,15 +124,21 @@ def choose_electrode_columns(
     return chosen, unit
 
 
-def describe_words(numbers: NumberColumns) -> str:
-    """Return how often words stood in place of numbers, such as ``A: 12 OVER, B: 1 #DIV/0!``.
+def describe_words(numbers: NumberColumns) -> Iterator[str]:
+    """Yield sentences about the words that stood in place of numbers, and how often they did.
 
-    The text is empty if there were none.
+    Such as ``missing readings: A: 12 #DIV/0!`` and ``readings beyond the range: A: 3 OVER``.
     """
-    parts = []
-    for (heading, word), count in numbers.words.most_common(MAX_WORDS):
-        parts.append(f"{heading}: {count} {escape_unprintable(word)}")
-    return ", ".join(parts)
+    kinds = (
+        ("missing readings", numbers.words),
+        ("readings beyond the range", numbers.range_words),
+    )
+    for kind, words in kinds:
+        parts = []
+        for (heading, word), count in words.most_common(MAX_WORDS):
+            parts.append(f"{heading}: {count} {escape_unprintable(word)}")
+        if parts:
+            yield f"{kind}: {', '.join(parts)}"
 
 
 def to_plain(value: Any) -> Any:

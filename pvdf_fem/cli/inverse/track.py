@@ -63,8 +63,8 @@ The signals are a table with a column t_s, t_ms, t_us, or of times of day, and o
 each electrode, or - for standard input, which may be a live pipe: each row is
 answered at once by a row of CSV, and each touch that has ended by a line on standard
 error. Tables are read as instruments and spreadsheets write them, with any separator,
-decimal commas, header blocks and units. An empty cell, nan or a word such as OVER is
-a missing reading; other columns are ignored.
+decimal commas, header blocks and units. An empty cell or nan is a missing reading, a
+word such as OVER one beyond the range; other columns are ignored.
 
 The files of loggers are read as well, with times, rate and units as they have them:
 TDMS, LVM, XDF, MCAP, ROS 2 bags, HDF5, MATLAB, WAV and Parquet. Their packages come
@@ -270,12 +270,11 @@ class _Session:
     def _read_sample(self, row: Row) -> tuple[float, dict[str, float]]:
         """Return the time in s and the readings by electrode of a row.
 
-        Readings that are marked as beyond the range of an instrument are missing, and so may be the
-        time. `CellError` is raised if the row is malformed.
+        Readings that are marked as beyond the range of an instrument are infinite, and the time may
+        be missing. `CellError` is raised if the row is malformed.
         """
         t_s, *readings = self.numbers.read(row)
-        values = [value if math.isfinite(value) else math.nan for value in readings]
-        return t_s, dict(zip(self.electrodes, values, strict=True))
+        return t_s, dict(zip(self.electrodes, readings, strict=True))
 
     def finish(self) -> int:
         """Finish the tracker, report the whole stream on standard error, and return the exit code.
@@ -288,9 +287,8 @@ class _Session:
         if self.malformed_rows:
             count = f"{self.malformed_rows} of {self.rows} rows are malformed"
             self._print_message(f"{self.name}: {count} and were skipped")
-        words = describe_words(self.numbers)
-        if words:
-            self._print_message(f"{self.name}: missing readings: {words}")
+        for words in describe_words(self.numbers):
+            self._print_message(f"{self.name}: {words}")
         if self.rows and not self.timed_rows:
             self._print_message(f"{self.name}: no row has a time and readings; nothing is tracked")
             return ExitCode.BAD_INPUT
@@ -302,7 +300,8 @@ class _Session:
             self._print_message(f"{self.name}: {count}{self.unit_doubt}")
         elif not touches and last.status != "settling":
             self._print_message(f"{self.name}: nothing touches{self.unit_doubt}")
-        is_incomplete = bool(unlocated) or last.status == "settling"
+        is_lost = bool(touches) and all(touch.status == "lost" for touch in touches)
+        is_incomplete = bool(unlocated) or is_lost or last.status == "settling"
         return ExitCode.NOT_CONVERGED if is_incomplete else ExitCode.CONVERGED
 
     def _print_notes(self) -> None:

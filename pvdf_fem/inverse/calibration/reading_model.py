@@ -25,7 +25,7 @@ from pvdf_fem.inverse.calibration.parameters import (
     get_parameter,
 )
 from pvdf_fem.inverse.calibration.touch_table import TouchTable, place_probe
-from pvdf_fem.inverse.clipping import compute_range_limits, find_plateaus
+from pvdf_fem.inverse.clipping import TableLimits, compute_range_limits
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.progress import SolveCounter, ignore_progress
 from pvdf_fem.scene.scene import Scene
@@ -125,7 +125,8 @@ class ReadingModel:
     def leave_out_clipped(self) -> ReadingModel:
         """Return a model without clipped readings, see `TouchTable.leave_out_clipped`.
 
-        Readings clip at the range of their channel, or at plateaus that the touches have.
+        Readings clip at the range of their channel, at plateaus that the touches have, or where the
+        instrument has marked them as beyond its range.
 
         Raises
         ------
@@ -133,7 +134,8 @@ class ReadingModel:
             If too few readings remain.
         """
         limits = compute_range_limits(self.channels, self.unit)
-        limits = limits.tighten(find_plateaus(self.table.readings, self.channels, self.unit))
+        readings = self.table.readings_with_marks
+        limits = limits.tighten(TableLimits(self.channels).learn(readings, self.unit))
         names = [channel.name for channel in self.channels]
         table = self.table.leave_out_clipped(limits, names, self.unit)
         return self if table is self.table else self.with_table(table, self.reading)

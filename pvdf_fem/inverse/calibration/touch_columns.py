@@ -38,7 +38,8 @@ class TouchColumns(NamedTuple):
     """The numbers of touches."""
 
     #: Position x and y in mm, rotation in degrees, force in N, and readings of the electrodes;
-    #: shape (rows, 4 + electrodes), NaN where missing.
+    #: shape (rows, 4 + electrodes), NaN where missing, and infinite where they are marked as beyond
+    #: the range of the instrument.
     values: Array
     unit: str | None  #: Unit of the readings, if the file or the user says it.
     notes: tuple[str, ...]  #: Sentences about columns that are not used, and about words in cells.
@@ -165,7 +166,7 @@ def _read_rows(
     Returns
     -------
     values : ndarray, shape (rows, names)
-        Numbers; NaN for missing columns, and for cells that are empty or have a word such as OVER.
+        Numbers; NaN for missing columns and empty cells, infinite for words such as OVER.
     errors : list of str
         A message for each row that cannot be read.
     """
@@ -183,7 +184,6 @@ def _read_rows(
             values.append(value)
     for (heading, word), count in numbers.words.items():
         if word.lower() != "nan":
-            notes.append(f"column {heading}: {count} cells have {word}, no number")
-    array = np.array(values).reshape(len(values), len(names))
-    array[np.isinf(array)] = np.nan
-    return array, errors
+            cells = "1 cell has" if count == 1 else f"{count} cells have"
+            notes.append(f"column {heading}: {cells} {word}, no number")
+    return np.array(values).reshape(len(values), len(names)), errors

@@ -45,6 +45,9 @@ class TouchTable:
     probe_loads: Array
     #: Readings in their unit, NaN where missing, shape (touches, electrodes).
     readings: Array
+    #: Missing readings that are marked as beyond the range of the instrument: 1 above, -1 below,
+    #: 0 for all other readings; shape (touches, electrodes).
+    marks: Indices
     #: Sentences about rows, readings and columns that are left out.
     notes: tuple[str, ...] = ()
     #: Unit of the readings, ``pC`` or ``V``, if the file or the user says it.
@@ -75,6 +78,16 @@ class TouchTable:
         """
         return self.probe_loads[:, TouchColumn.FORCE]
 
+    @property
+    def readings_with_marks(self) -> Array:
+        """Readings, infinite where they are marked as beyond the range of the instrument.
+
+        Returns
+        -------
+        ndarray, shape (touches, electrodes)
+        """
+        return np.where(self.marks == 0, self.readings, np.copysign(np.inf, self.marks))
+
     def select(self, indices: Sequence[int]) -> TouchTable:
         """Return a table of the touches with the given indices (not rows), without notes."""
         return replace(
@@ -82,6 +95,7 @@ class TouchTable:
             rows=self.rows[indices],
             probe_loads=self.probe_loads[indices],
             readings=self.readings[indices],
+            marks=self.marks[indices],
             notes=(),
         )
 
@@ -104,7 +118,7 @@ class TouchTable:
         TouchesError
             If all readings of an electrode are clipped, or less than two touches remain.
         """
-        sides = limits.find_sides(self.readings)
+        sides = limits.find_sides(self.readings_with_marks)
         if not sides.any():
             return self
         is_measured = np.isfinite(self.readings) & (sides == 0)
@@ -133,6 +147,7 @@ class TouchTable:
             rows=self.rows[is_used],
             probe_loads=self.probe_loads[is_used],
             readings=readings[is_used],
+            marks=np.zeros_like(self.marks[is_used]),
             notes=(*self.notes, *_describe_clipped(clipped, unit)),
             clipped=tuple(clipped),
         )
@@ -202,13 +217,15 @@ def _select_complete_touches(columns: TouchColumns, electrodes: Sequence[str]) -
         Names of the electrodes.
     """
     probe_loads = columns.values[:, : len(TOUCH_QUANTITIES)]
-    readings = columns.values[:, len(TOUCH_QUANTITIES) :]
+    given = columns.values[:, len(TOUCH_QUANTITIES) :]
+    marks = np.isposinf(given).astype(int) - np.isneginf(given).astype(int)
+    readings = np.where(marks == 0, given, np.nan)
     has_load = np.isfinite(probe_loads).all(axis=1)
     has_reading = np.isfinite(readings).any(axis=1)
     is_used = has_load & has_reading
     rows = np.arange(1, len(readings) + 1)
     left_out = [f"row {row}: has no position, force or reading; left out" for row in rows[~is_used]]
-    is_missing = np.isnan(readings)
+    is_missing = np.isnan(given)
     is_missing[~is_used] = False
     for row, column in np.argwhere(is_missing):
         left_out.append(f"row {rows[row]}: has no reading of {electrodes[column]}; left out")
@@ -216,6 +233,7 @@ def _select_complete_touches(columns: TouchColumns, electrodes: Sequence[str]) -
         rows[is_used],
         probe_loads[is_used],
         readings=readings[is_used],
+        marks=marks[is_used],
         notes=(*left_out, *columns.notes),
         unit=columns.unit,
     )
@@ -230,9 +248,11 @@ def _find_value_errors(table: TouchTable, electrodes: Sequence[str]) -> Iterator
         rows = "1 complete row" if len(table) else "no complete row"
         yield f"touches: {rows}; give more touches than unknown parameters"
         return
-    for name, column in zip(electrodes, table.readings.T, strict=True):
+    for index, (name, column) in enumerate(zip(electrodes, table.readings.T, strict=True)):
         measured = column[np.isfinite(column)]
-        if not len(measured):
+        if table.marks[:, index].any() and not len(measured):
+            yield f"column {name}: is beyond the range in every row; {CLIPPED_ADVICE}"
+        elif not len(measured):
             yield f"column {name}: is empty; the channel is dead or not connected"
         elif np.ptp(measured) <= CONSTANT_RANGE * np.abs(measured).max():
             value = f"is {measured[0]:g} in every row"

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.electrodes.channel import get_reading_unit
-from pvdf_fem.inverse.clipping import ReadingLimits, find_plateaus
+from pvdf_fem.inverse.clipping import ReadingLimits, TableLimits
 from pvdf_fem.inverse.least_squares import SearchOptions, SearchResult, concatenate_results
 from pvdf_fem.inverse.touch.location import Location
 from pvdf_fem.inverse.touch.location_problem import LocationProblem
@@ -71,8 +71,8 @@ def locate_many(
         Known force of each row.
     limits : mapping of str to tuple of float, optional
         Lowest and highest reading by electrode in `unit`, at which readings are clipped, besides
-        the range of the readout. By default plateaus in `readings`, see
-        `pvdf_fem.inverse.clipping.find_plateaus`.
+        the range of the readout. By default those that `readings` show, see
+        `pvdf_fem.inverse.clipping.TableLimits`.
     include_calibration : bool
         Whether standard deviations include the errors that the calibration of the sensor has left,
         of the scene's ``[calibration]``. They are the same for all touches, so that averaging does
@@ -145,7 +145,7 @@ def locate_many(
     electrode_units_pC = np.array([units_pC[name] for name in columns.names])
     readings_pC = columns.readings * electrode_units_pC
     if limits is None:
-        recognised = find_plateaus(readings_pC, measurement.channels, "pC")
+        recognised = TableLimits(measurement.channels).learn(readings_pC, "pC")
     else:
         recognised = _order_limits(limits, columns.names).scale(electrode_units_pC)
     measurement = replace(measurement, limits_pC=measurement.limits_pC.tighten(recognised))

@@ -245,6 +245,24 @@ class Contact:
             self.was_only_a_step = True
             self.locator.candidates = None
 
+    def find_frozen_channel(self) -> int | None:
+        """Return a channel that seems clipped though the touch is almost over, or None.
+
+        The charges of the other channels have fallen below `TrackOptions.max_clipped_fraction` of
+        the largest. It is looked for rarely.
+        """
+        last = self.record.last
+        largest = self.record.largest
+        if len(self.record) % STEP_CHECK_SAMPLES or last is None or largest is None:
+            return None
+        is_clipped = last.is_clipped
+        others = ~is_clipped & last.is_measured
+        if not is_clipped.any() or not others.any():
+            return None
+        size = np.linalg.norm(last.charges_pC[others])
+        limit = self.options.max_clipped_fraction * np.linalg.norm(largest.charges_pC[others])
+        return int(np.argmax(is_clipped)) if size < limit else None
+
     @property
     def duration_s(self) -> float:
         """Time since the onset in s."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from pvdf_fem.inverse.tracking.contact_detector import ComparedSample, ContactDetector
 from pvdf_fem.inverse.tracking.options import TrackOptions
@@ -35,6 +36,8 @@ class ContactWatch:
     verification_s : float
         Time after a pause with a residual: a contact that is noticed within it may have begun
         during the pause.
+    touch_sign : float
+        Sign of the sum of the charges of a touch.
     """
 
     def __init__(
@@ -44,11 +47,13 @@ class ContactWatch:
         options: TrackOptions,
         *,
         verification_s: float,
+        touch_sign: float,
     ) -> None:
         self.baseline = baseline
         longest = max(int(sample_count * options.window_fraction), 1)
         self.detector = ContactDetector(len(baseline.channels), longest, options)
         self._verification_s = verification_s
+        self._touch_sign = touch_sign
         self._number = 0
         #: A contact that begins before this time in s may have begun during the last pause.
         self.unverified_until_s = -math.inf
@@ -102,9 +107,9 @@ class ContactWatch:
     def _resume_after_pause(self, sample: FilteredSample, interval_s: float) -> None:
         """Continue the baseline at the first sample after a pause.
 
-        The samples before the pause enter the baseline. Touches during the pause may have left
-        voltages, or something may press already: both are a residual, which is taken from the
-        first sample if it deviates from the baseline.
+        The samples before the pause enter the baseline. If the voltages then deviate as those of a
+        touch, something presses already, and a contact begins. Other deviations are voltages that
+        touches during the pause have left.
 
         Parameters
         ----------
@@ -117,16 +122,49 @@ class ContactWatch:
             self._move_oldest_sample_to_baseline(interval_s)
         self.detector.clear()
         time_s = sample.time_s
-        for channel, voltage in zip(self.baseline.channels, sample.voltages, strict=True):
+        charge_pC = 0.0
+        is_changed = []
+        capacitances = self.baseline.circuit.capacitance.tolist()
+        for channel, voltage, capacitance in zip(
+            self.baseline.channels, sample.voltages, capacitances, strict=True
+        ):
+            channel.stop_uncertain_slope(time_s, interval_s)
             deviation_V = voltage - channel.predict(time_s)
             error = channel.compute_relative_error(time_s, interval_s)
             limit_V = MAX_PAUSE_DEVIATIONS * math.hypot(1.0, error) * channel.noise_V
+            has_changed = abs(deviation_V) > limit_V
+            is_changed.append(has_changed)
+            if has_changed:
+                charge_pC += capacitance * deviation_V
+        if any(is_changed):
+            self.unverified_until_s = time_s + self._verification_s
+        is_pressed = self._touch_sign * charge_pC > 0.0
+        if not is_pressed:
+            self._set_residuals(sample, is_changed, interval_s)
+        self._update_relative_errors(time_s, interval_s)
+
+    def _set_residuals(
+        self, sample: FilteredSample, is_changed: Sequence[bool], interval_s: float
+    ) -> None:
+        """Take the residuals of channels from the first sample after a pause.
+
+        Parameters
+        ----------
+        sample : FilteredSample
+            First sample after the pause.
+        is_changed : sequence of bool
+            Whether the voltage of a channel deviates from the baseline.
+        interval_s : float
+            Sampling interval.
+        """
+        time_s = sample.time_s
+        for channel, voltage, has_residual in zip(
+            self.baseline.channels, sample.voltages, is_changed, strict=True
+        ):
             channel.age(time_s, interval_s)
-            if abs(deviation_V) > limit_V:
+            if has_residual:
                 residual_V = voltage - channel.predict_line(time_s)
                 channel.replace_residual(time_s, residual_V, count=1)
-                self.unverified_until_s = time_s + self._verification_s
-        self._update_relative_errors(time_s, interval_s)
 
     def _is_error_update_due(self) -> bool:
         """Whether the relative errors of the baseline are computed again at this sample."""

@@ -36,7 +36,7 @@ class TrackOptions:
 
     #: A contact has ended when the mean charges of its last n samples equal those of the n samples
     #: before. The number n is at least `min_still_samples`, and this fraction of all samples.
-    min_still_samples: int = 6
+    min_still_samples: int = 4
     still_fraction: float = 1.0 / 16.0
     #: Residual charge, as a fraction of the largest charges, with which a contact has ended: the
     #: tolerances of resistances and capacitances leave as much.
@@ -49,6 +49,9 @@ class TrackOptions:
     max_residual_fraction: float = 0.1
     #: Number of samples after which a contact may end though its charges never exceeded the noise.
     patience_samples: int = 100
+    #: A channel is frozen and not clipped if the charges of the others are a smaller fraction of the
+    #: largest ones.
+    max_clipped_fraction: float = 0.3
     #: A channel has stepped if only its charge is left at the end: more than this number of standard
     #: deviations and this fraction of the largest charges. Those of the others are negligible, or
     #: within three deviations.

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.scene.scene_file import suggest
+
+#: Larger times in s are no times.
+MAX_TIME_S = 1e15
 
 
 class ReadingInput:
@@ -34,8 +38,8 @@ class ReadingInput:
         Parameters
         ----------
         readings : mapping of str to float, or sequence of float
-            Readings by name, or in the order of the channels. A reading is missing if it is NaN,
-            infinite or masked, or if its name is not in the mapping.
+            Readings by name, or in the order of the channels. A reading is missing if it is NaN or
+            masked, or if its name is not in the mapping. An infinite one is beyond the range.
 
         Returns
         -------
@@ -56,14 +60,49 @@ class ReadingInput:
             readings = [readings.get(name, math.nan) for name in names]
         elif isinstance(readings, np.ma.MaskedArray):
             readings = readings.astype(float).filled(math.nan)
+        advice = f"give one for each of {', '.join(names)}"
+        if not hasattr(readings, "__len__"):
+            raise ValueError(f"readings = {readings!r:.40}: is no sequence; {advice}")
         if len(readings) != len(names):
-            advice = f"give one for each of {', '.join(names)}"
             raise ValueError(f"readings: {len(readings)} values; {advice}")
         voltages = []
         for reading, scale, shift in zip(readings, self._scale, self._shift, strict=True):
-            try:
-                voltages.append(float(reading) * scale + shift)
-            except (TypeError, ValueError):
-                reason = "is not a number; give a number in the unit of the readings, or nan"
-                raise ValueError(f"readings = {reading!r:.40}: {reason}") from None
+            value = reading if type(reading) is float else _coerce_reading(reading)
+            voltages.append(value * scale + shift)
         return voltages
+
+    @staticmethod
+    def coerce_time(t: Any) -> float:
+        """Return a time in s as a float; NaN if it is missing or far beyond any clock.
+
+        Raises
+        ------
+        ValueError
+            If it is not a number.
+        """
+        if t is np.ma.masked:
+            return math.nan
+        try:
+            time_s = float(t)
+        except (TypeError, ValueError, OverflowError):
+            raise ValueError(f"t = {t!r:.40}: is not a number; give the time in s") from None
+        return time_s if abs(time_s) < MAX_TIME_S else math.nan
+
+
+def _coerce_reading(reading: Any) -> float:
+    """Return a reading as a float; NaN for None and masked values.
+
+    Raises
+    ------
+    ValueError
+        If it is not a number.
+    """
+    if reading is None or reading is np.ma.masked:
+        return math.nan
+    try:
+        if isinstance(reading, bool | bytes):
+            raise TypeError
+        return float(reading)
+    except (TypeError, ValueError, OverflowError):
+        reason = "is not a number; give a number in the unit of the readings, or nan"
+        raise ValueError(f"readings = {reading!r:.40}: {reason}") from None

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from collections import Counter
 
+#: Touches of some tenths of a second cannot be followed with longer sampling intervals in s.
+MAX_INTERVAL_S = 0.1
+
 
 class StreamNotes:
     """Sentences about touches that were not located, steps of offsets, and disturbances.
@@ -54,6 +57,14 @@ class StreamNotes:
             f"while the baseline was learned: this is not located; keep the film free for "
             f"{settling_s:g} s"
         )
+
+    def add_interval(self, interval_s: float) -> None:
+        """Say that the sampling interval is too long for touches, as by a wrong unit of the times."""
+        if MAX_INTERVAL_S < interval_s < math.inf:
+            self.add(
+                f"the sampling interval is {interval_s:.3g} s: are the times in ms or µs? If so, "
+                f"name their column t_ms or t_us"
+            )
 
     def add_unsettled(self, touched_from_s: float, settling_s: float) -> None:
         """Note that the baseline was not learned by the end of the stream.

@@ -27,10 +27,10 @@ from pvdf_fem.inverse.tracking.result_builder import ResultBuilder
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
-from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample, SettledSamples
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
 from pvdf_fem.inverse.tracking.signal.reading_filter import Validity
-from pvdf_fem.inverse.tracking.signal.settling import SettledSamples, Settling
+from pvdf_fem.inverse.tracking.signal.settling import Settling
 from pvdf_fem.inverse.tracking.signal.signal_chain import MIN_PAUSE_INTERVALS, SignalChain
 from pvdf_fem.inverse.tracking.stream_diagnosis import MAX_TESTED, find_misreading
 from pvdf_fem.inverse.tracking.stream_notes import StreamNotes
@@ -166,8 +166,8 @@ class Tracker:
             Time of the sample in s.
         readings : mapping of str to float, or sequence of float
             Readings of the channels, by name or in the order of the response's electrodes. A
-            reading is missing if it is NaN, infinite or masked, or if its name is not in the
-            mapping.
+            reading is missing if it is NaN or masked, or if its name is not in the mapping. An
+            infinite one is beyond the range of the channel.
 
         Returns
         -------
@@ -179,15 +179,16 @@ class Tracker:
         ValueError
             If a name is unknown, the number of readings is wrong, or one is not a number.
         """
+        time_s = self._input.coerce_time(t)
         waiting = self._waiting
-        waiting.extend(self._signal.receive(t, self._input.compute_voltages(readings)))
+        waiting.extend(self._signal.receive(time_s, self._input.compute_voltages(readings)))
         is_behind = not waiting
         for _ in range(MAX_SAMPLES_AT_ONCE):
             if not waiting:
                 break
             self._process(waiting.popleft())
         if is_behind or waiting:
-            self._row = replace(self._row, t_s=t)
+            self._row = replace(self._row, t_s=time_s)
         return self._row
 
     def finish(self) -> TrackRow:
@@ -209,6 +210,7 @@ class Tracker:
             self._finish_contact(self._contact, TrackStatus.LOST)
         if self._settling:
             self._finish_settling(self._settling)
+        self._notes.add_interval(self._signal.interval_s)
         self._note_misreading()
         return self._row
 
@@ -245,12 +247,13 @@ class Tracker:
     def _begin_to_watch(self, settled: SettledSamples) -> None:
         """Watch the baseline that has been learned, first in the samples after it."""
         self._baseline.set_lines(settled.baseline, self._signal.interval_s)
-        self._signal.filter.spikes.add_counts(settled.spike_counts)
+        self._signal.filter.note_settled(settled)
         self._watch = ContactWatch(
             self._baseline,
             settled.sample_count,
             self._options,
             verification_s=self._settling_s / 2.0,
+            touch_sign=self._problem.touch_sign,
         )
         decided = self._signal.begin_to_remove_spikes(settled.pending, self._waiting)
         self._waiting = deque(decided)
@@ -283,7 +286,8 @@ class Tracker:
     def _note_misreading(self) -> None:
         """Note which mistake in the readings explains the touches that were not located."""
         peaks = self._unexplained_peaks
-        if not peaks:
+        is_any_located = any(touch.status == TrackStatus.TOUCH for touch in self.touches)
+        if not peaks or is_any_located:
             return
         misreading = find_misreading(self._problem, self._channels, peaks, self._unit)
         if misreading:
@@ -406,8 +410,13 @@ class Tracker:
         contact : Contact
             Contact in progress.
         """
+        filters = self._signal.filter.channels
+        frozen = contact.find_frozen_channel()
+        if frozen is not None:
+            filters[frozen].reject_limit()
+            contact.exclude_channel(frozen)
         for number, channel in enumerate(self._baseline.channels):
-            is_frozen = self._signal.filter.channels[number].validity is Validity.FROZEN
+            is_frozen = filters[number].validity is Validity.FROZEN
             if contact.is_settled[number] and (is_frozen or not channel.is_settled):
                 contact.exclude_channel(number)
 

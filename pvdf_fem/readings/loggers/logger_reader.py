@@ -20,7 +20,7 @@ from pvdf_fem.readings.times import TIME_NAMES
 BLOCK_SAMPLES = 65_536
 
 
-class SampleClock(NamedTuple):
+class RegularClock(NamedTuple):
     """A clock that samples at a constant rate, as the head of a file describes it."""
 
     interval_s: float  #: Time between two samples.
@@ -38,13 +38,13 @@ class LoggerChannel:
         Names that lead to the channel, separated by slashes, such as ``Group/ai0``.
     unit : str
         Unit of the samples as the file writes it; empty if it has none.
-    clock : SampleClock, optional
+    clock : RegularClock, optional
         The clock of the channel, if its samples have no stamps of their own.
     """
 
     address: str
     unit: str = ""
-    clock: SampleClock | None = None
+    clock: RegularClock | None = None
 
     @property
     def group(self) -> str:

@@ -18,7 +18,7 @@ from pvdf_fem.readings.loggers.channel_choice import (
     find_channel,
     has_channel,
 )
-from pvdf_fem.readings.loggers.logger_reader import LoggerChannel, LoggerReader, SampleClock
+from pvdf_fem.readings.loggers.logger_reader import LoggerChannel, LoggerReader, RegularClock
 from pvdf_fem.readings.loggers.registry import open_reader
 from pvdf_fem.readings.loggers.sample_times import StampConverter
 from pvdf_fem.readings.recording import Recording, SampleBlock
@@ -152,16 +152,16 @@ def _find_stamps(
 
 def _find_clock(
     reader: LoggerReader, channels: Sequence[LoggerChannel], options: RecordingOptions
-) -> SampleClock:
+) -> RegularClock:
     """Return the clock that all channels share, or that of the rate in the options.
 
     Its interval is NaN if neither is known.
     """
     if options.rate_Hz is not None:
-        return SampleClock(1.0 / options.rate_Hz)
+        return RegularClock(1.0 / options.rate_Hz)
     clocks = [channel.clock for channel in channels if channel.clock is not None]
     if len(clocks) < len(channels):
-        return SampleClock(math.nan)
+        return RegularClock(math.nan)
     first = clocks[0]
     for channel, clock in zip(channels, clocks, strict=True):
         same_interval = math.isclose(
@@ -178,7 +178,7 @@ def _find_clock(
     return first
 
 
-def _compute_delay(first: SampleClock, other: SampleClock) -> float:
+def _compute_delay(first: RegularClock, other: RegularClock) -> float:
     """Return how many seconds later the first sample of another clock is."""
     delay_s = other.first_s - first.first_s
     if first.start is not None and other.start is not None:
@@ -223,7 +223,7 @@ def _read_stamped(
 def _read_clocked(
     reader: LoggerReader,
     channels: Sequence[LoggerChannel],
-    clock: SampleClock,
+    clock: RegularClock,
     scales: Array,
 ) -> Iterator[SampleBlock]:
     """Yield blocks with times of a clock with a constant rate."""

@@ -19,7 +19,7 @@ from pvdf_fem.readings.loggers.logger_reader import (
     BLOCK_SAMPLES,
     LoggerChannel,
     LoggerReader,
-    SampleClock,
+    RegularClock,
 )
 
 #: Head of a segment: tag, contents, version, length without this head, length of the metadata.
@@ -142,13 +142,13 @@ def _find_scaled_unit(properties: Any) -> str:
     return ""
 
 
-def _make_clock(properties: Any) -> SampleClock | None:
+def _make_clock(properties: Any) -> RegularClock | None:
     """Return the clock that the properties of a waveform describe, or None."""
     interval_s = float(properties.get("wf_increment", 0.0))
     if not interval_s > 0.0:
         return None
     start = properties.get("wf_start_time")
-    return SampleClock(
+    return RegularClock(
         interval_s,
         first_s=float(properties.get("wf_start_offset", 0.0)),
         start=None if start is None else _convert_time(start),

@@ -13,7 +13,7 @@ from pvdf_fem.readings.loggers.logger_reader import (
     BLOCK_SAMPLES,
     LoggerChannel,
     LoggerReader,
-    SampleClock,
+    RegularClock,
 )
 
 #: Largest sample of formats with integers, by the names of soundfile, as a fraction of full scale.
@@ -62,7 +62,7 @@ class WavReader(LoggerReader):
 
     def list_channels(self) -> list[LoggerChannel]:
         """Return the channels, which are named by their numbers from 1."""
-        clock = SampleClock(1.0 / self.file.samplerate)
+        clock = RegularClock(1.0 / self.file.samplerate)
         return [LoggerChannel(str(i + 1), clock=clock) for i in range(self.file.channels)]
 
     def read_columns(self, addresses: Sequence[str]) -> Iterator[list[Array]]:

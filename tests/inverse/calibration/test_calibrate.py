@@ -322,6 +322,24 @@ def test_clipped_readings_are_left_out_and_named(calibration, unit):
             assert found["deviation"] > 0.98 * parameter["deviation"]
 
 
+def test_readings_that_are_marked_as_beyond_the_range_are_clipped(calibration):
+    """Without a stated range they are above the largest reading of their channel."""
+    columns = make_columns(sigma=0.01, place_sd=0.3)
+    readings = columns["A"].copy()
+    strongest = int(readings.argmax())
+    readings[strongest] = np.inf
+    result = calibrate(SCENE, columns | {"A": readings}, UNKNOWN, place_sd=0.3, unit="pC")
+    assert result.status == "calibrated"
+    (clipped,) = result.to_json()["clipped"]
+    assert (clipped["row"], clipped["electrode"]) == (strongest + 1, "A")
+    (reading,) = result.fit.model.table.clipped
+    assert reading.limit == pytest.approx(np.delete(readings, strongest).max(), rel=1e-9)
+    assert any(f"row {strongest + 1}: A is clipped" in note for note in result.notes)
+    marked = columns | {"A": np.full_like(readings, np.inf)}
+    with pytest.raises(ValueError, match="column A: is beyond the range in every row"):
+        calibrate(SCENE, marked, UNKNOWN, unit="pC")
+
+
 def test_touches_without_a_reading_that_is_not_clipped_are_left_out():
     columns = make_columns(sigma=0.01)
     limit = max(columns[name].max() for name in NAMES)

@@ -251,15 +251,17 @@ def test_rows_without_readings_have_no_force_and_do_not_end_a_touch():
     assert all(np.isnan(row.force_N) for row in empty)
 
 
+@pytest.mark.parametrize("is_marked", [True, False])
 @pytest.mark.parametrize("is_known", [True, False])
-def test_a_clipped_channel_is_named_and_left_out(is_known):
+def test_a_clipped_channel_is_named_and_left_out(is_known, is_marked):
+    """Clipped readings are at the end of the range, or marked as beyond it."""
     limits = {"range_V": 0.3} if is_known else {}
     model = make_sensor(**AMPLIFIER, **limits)
     tap = Tap(0.6, 0.3, (3.0, -2.0), 0.8, power=2)
     t, readings = make_stream(model, [tap], 1.2, noise_V=5e-4)
     is_clipped = (readings > 0.3).any(axis=0)
     assert 0 < is_clipped.sum() < 3
-    tracker, _ = track(model, t, np.minimum(readings, 0.3))
+    tracker, _ = track(model, t, np.where(readings > 0.3, np.inf if is_marked else 0.3, readings))
     (touch,) = tracker.touches
     assert touch.clipped == " ".join(np.array(model.names)[is_clipped])
     assert touch.status in ("touch", "clipped")
@@ -268,7 +270,20 @@ def test_a_clipped_channel_is_named_and_left_out(is_known):
     assert any("clipped" in note for note in tracker.notes)
 
 
-@pytest.mark.parametrize("value", [5.0, -1e300, 1e160, 1000.0])
+@pytest.mark.parametrize("low_V", [-0.05, -0.1])
+def test_channels_that_clip_below_after_touches_are_survived(low_V):
+    """After a touch, the resistance leaves a negative voltage, which a converter may not read."""
+    model = make_sensor(**AMPLIFIER, feedback_resistance_MOhm=300.0)
+    taps = [Tap(0.6, 0.5, (3.0, -2.0), 0.8), Tap(1.8, 0.3, (-4.0, 1.0), 1.2)]
+    t, readings = make_stream(model, taps, 3.0, noise_V=5e-4)
+    for clipped in (np.maximum(readings, low_V), np.where(readings < low_V, -np.inf, readings)):
+        tracker, _ = track(model, t, clipped)
+        first = tracker.touches[0]
+        assert abs(first.onset_s - taps[0].begin_s) < 0.05
+        assert any("clipped" in note for note in tracker.notes)
+
+
+@pytest.mark.parametrize("value", [5.0, -1e300, 1e160, 1000.0, np.inf, -np.inf])
 def test_spikes_change_neither_the_baseline_nor_a_touch(value):
     model = make_sensor(**AMPLIFIER)
     t, readings = make_stream(model, [TAP], 1.0, noise_V=5e-4)

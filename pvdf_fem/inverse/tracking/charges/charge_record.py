@@ -183,7 +183,7 @@ class ChargeRecord:
         return find_only_charge(charges_pC, variance, self._largest_size, options)
 
     def mark_clipped(self, number: int, count: int) -> None:
-        """Let the charges of an electrode in the last `count` samples be limits."""
+        """Mark the charges of an electrode in the last `count` samples as limits."""
         self._buffer.mark_clipped(number, count)
 
     def exclude_channel(self, number: int) -> None:
@@ -225,8 +225,8 @@ class ChargeRecord:
         -------
         ChargeSample
             Smoothed charges at the time of the window's centre, with the reduced variance of their
-            noise. Channels without a reading in most of the window count as missing, those that
-            were clipped in any of it as clipped.
+            noise. Channels whose readings carry little of the weight of the window count as missing,
+            those that were clipped in any of it as clipped.
 
         Notes
         -----

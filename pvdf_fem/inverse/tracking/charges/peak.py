@@ -10,8 +10,9 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.charges.sample_buffer import BufferedSamples
 
-#: Windows of the peak may contain missing readings of at most this fraction of their weight.
-MAX_MISSING_WEIGHT = 0.5
+#: A channel has a peak if its readings carry this fraction of the weight of the window: loggers that
+#: read four channels in turn leave a quarter.
+MIN_MEASURED_WEIGHT = 0.15
 
 
 def compute_parabola_weights(half: int) -> Array:
@@ -57,9 +58,8 @@ def smooth_charges(window: BufferedSamples, weights: Array) -> ChargeSample:
     weights_by_channel = weights[:, None] * is_measured
     total = weights_by_channel.sum(axis=0)
     noise = (np.square(weights_by_channel) * window.noise_variance).sum(axis=0)
-    # A channel counts as measured if its readings carry most of the weight of the window.
     is_clipped = np.asarray(window.is_clipped.any(axis=0))
-    has_peak = (total > MAX_MISSING_WEIGHT) & ~is_clipped
+    has_peak = (total > MIN_MEASURED_WEIGHT) & ~is_clipped
     divisor = np.where(has_peak, total, 1.0)
     centre = window.get_sample(len(weights) // 2)
     charges_pC = (weights_by_channel * window.charges_pC).sum(axis=0) / divisor

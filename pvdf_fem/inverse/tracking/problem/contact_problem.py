@@ -163,6 +163,15 @@ class ContactProblem(LocationProblem):
         return sample.variance + np.square(response_error * charges_pC) + np.square(skew)
 
     @property
+    def touch_sign(self) -> float:
+        """Sign of the sum of the charges that a touch at the centre gives."""
+        lowest, highest = self.response.domain.log_force
+        centre = np.zeros((1, len(TOUCH_QUANTITIES)))
+        centre[:, TouchColumn.FORCE] = (lowest + highest) / 2.0
+        changes_pC = self.linearise(centre)[0, :, 0]
+        return math.copysign(1.0, float(changes_pC.sum()))
+
+    @property
     def log_force_range(self) -> tuple[float, float]:
         """Logarithms of the minimum and the maximum force, including the extrapolation."""
         lowest, highest = self.response.domain.log_force

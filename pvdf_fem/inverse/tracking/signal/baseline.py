@@ -69,7 +69,7 @@ class BaselineSnapshot:
 
     def _compute_decay(self, time_s: float) -> Array:
         """Compute the fractions of the residuals that remain at a given time."""
-        return np.exp(-self.decay_rate * (time_s - self.residual_at_s))
+        return np.exp(-self.decay_rate * np.maximum(time_s - self.residual_at_s, 0.0))
 
 
 class Baseline:
@@ -152,7 +152,7 @@ class Baseline:
                 count=int(settled.count[number]),
             )
             residual = float(settled.residual[number])
-            if residual:
+            if residual and channel.line_count:  # else the channel had no reading
                 channel.replace_residual(settled.time_s, residual, count=channel.line_count)
 
     def replace_residuals(self, times_s: Array, voltages: Array) -> None:

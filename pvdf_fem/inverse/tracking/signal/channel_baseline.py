@@ -15,6 +15,8 @@ STEADY_MEMORIES = 2.5
 #: From this number of samples on, the errors of lines and residuals change by less than 1 % with each
 #: sample.
 MANY_SAMPLES = 64
+#: A line is not extrapolated if its standard error would exceed this number of noise deviations.
+MAX_SLOPE_ERROR = 1.0
 #: A level is known when its standard error is below this number of noise deviations.
 MAX_LEVEL_ERROR = 0.5
 #: Residual voltages are neglected after this number of time constants, exp(-40) = 4e-18.
@@ -197,7 +199,7 @@ class ChannelBaseline:
 
     def _compute_decay(self, time_s: float) -> float:
         """Compute the fraction of the residual that remains at a given time."""
-        return math.exp(-self._decay_rate * (time_s - self._residual_at_s))
+        return math.exp(-self._decay_rate * max(time_s - self._residual_at_s, 0.0))
 
     def compute_relative_error(self, time_s: float, interval_s: float) -> float:
         """Compute the standard error of the predicted voltage, relative to the noise.
@@ -232,6 +234,20 @@ class ChannelBaseline:
         extrapolated = (time_s - self.time_s) / interval_s
         return 2.0 / math.sqrt(count) * (1.0 + extrapolated / count)
 
+    def stop_uncertain_slope(self, time_s: float, interval_s: float) -> None:
+        """Set the slope to zero if the line would be too uncertain after a pause.
+
+        Parameters
+        ----------
+        time_s : float
+            End of the pause.
+        interval_s : float
+            Sampling interval.
+        """
+        if self._compute_line_error(time_s, interval_s) > MAX_SLOPE_ERROR:
+            self._slope = 0.0
+            self.time_s = time_s
+
     def age(self, time_s: float, interval_s: float) -> None:
         """Forget as much of the line as a pause has made uncertain.
 
@@ -265,7 +281,7 @@ class ChannelBaseline:
         """
         self._residual = voltage
         self._residual_at_s = time_s
-        self._residual_count = count
+        self._residual_count = max(count, 1)
 
     def add(self, time_s: float, voltage: float, interval_s: float) -> None:
         """Update line, residual and noise with a sample without a contact.

@@ -1,10 +1,13 @@
-"""A sample of the voltages of all channels, in which missing and clipped ones are marked."""
+"""Samples of the voltages of all channels, in which missing and clipped ones are marked."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
+
+from pvdf_fem.inverse.tracking.signal.baseline import SettledBaseline
 
 
 class FilteredSample(NamedTuple):
@@ -35,3 +38,14 @@ class FilteredSample(NamedTuple):
     def has_missing(self) -> bool:
         """Whether a voltage is missing."""
         return math.isnan(sum(self.voltages))
+
+
+@dataclass(frozen=True, eq=False)
+class SettledSamples:
+    """Baseline of the first samples, and the samples after them."""
+
+    baseline: SettledBaseline
+    sample_count: int  #: Number of samples that the baseline was learned from.
+    spike_counts: list[int]  #: Number of readings that were spikes, by channel.
+    #: The last samples, without hum, which may already belong to a contact.
+    pending: list[FilteredSample]

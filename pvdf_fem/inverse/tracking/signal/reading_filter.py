@@ -9,7 +9,7 @@ from enum import IntEnum, auto
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.channel_baseline import ChannelBaseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
-from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample, SettledSamples
 from pvdf_fem.inverse.tracking.signal.spike_filter import SpikeFilter
 
 #: Voltages beyond this magnitude in V are missing: no converter has such a range.
@@ -76,6 +76,8 @@ class ChannelFilter:
         self._rise_V = math.inf  # Sum of the last two differences.
         self._step_V = math.inf  # Smallest difference of two readings in a row.
         self.repeat_count = 1  #: Number of equal readings in a row.
+        self._dead_V = math.nan  # Reading that a channel without a signal repeats.
+        self._rejected_V = math.nan  # Reading of a frozen channel that is no limit.
         self._unmarked_count = 0  # Readings at a limit that was learned with the last one.
         self._equal_count = 1.0
         self._reading_count = 2.0
@@ -90,7 +92,8 @@ class ChannelFilter:
         time_s : float
             Time of the reading.
         voltage : float
-            Voltage in V before gain and offset; NaN if it is missing.
+            Voltage in V before gain and offset; NaN if it is missing, and infinite if it is marked
+            as beyond the range.
 
         Returns
         -------
@@ -122,6 +125,10 @@ class ChannelFilter:
 
     def _classify_unusual(self, voltage: float) -> Validity:
         """Classify a reading that is missing, at a limit, or equal to the one before."""
+        if math.isinf(voltage):
+            self._finish_repeats()
+            self._last_V = voltage
+            return Validity.MISSING if math.isinf(self.limit_voltage(voltage)) else Validity.CLIPPED
         if not abs(voltage) < MAX_VOLTAGE_V:  # also NaN
             return Validity.MISSING
         if voltage == self._last_V:
@@ -129,6 +136,8 @@ class ChannelFilter:
         else:
             self._finish_repeats()
             self._last_V = voltage
+        if voltage == self._dead_V:
+            return Validity.FROZEN
         if not self._range[0] < voltage < self._range[1]:
             return Validity.CLIPPED
         if voltage > self.high_V or voltage < self.low_V:
@@ -139,6 +148,18 @@ class ChannelFilter:
         if not self.low_V < voltage < self.high_V:
             return Validity.CLIPPED
         return Validity.FROZEN if self._is_frozen() else Validity.VALUE
+
+    def limit_voltage(self, voltage: float) -> float:
+        """Return a voltage; for an infinite one the limit that it is beyond.
+
+        This is the end of the converter's range, or else the extreme voltage so far, which the
+        converter could still read. It is infinite before the first voltage.
+        """
+        if voltage == math.inf:
+            return self._range[1] if self._range[1] < MAX_VOLTAGE_V else self._max_V
+        if voltage == -math.inf:
+            return self._range[0] if self._range[0] > -MAX_VOLTAGE_V else self._min_V
+        return voltage
 
     def _finish_repeats(self) -> None:
         """Count the equal readings that have ended, unless the channel was frozen."""
@@ -184,6 +205,8 @@ class ChannelFilter:
 
     def _learn_limit(self, voltage: float) -> None:
         """Learn a limit of the converter from a plateau that is the channel's extreme."""
+        if voltage == self._rejected_V:
+            return
         baseline = self._baseline
         distance_V = voltage - baseline.predict_line(baseline.time_s)
         if abs(distance_V) < MIN_CLIPPED_DEVIATIONS * baseline.noise_V:
@@ -195,6 +218,15 @@ class ChannelFilter:
         else:
             return
         self._unmarked_count = self.repeat_count - 1
+
+    def mark_dead(self) -> None:
+        """Classify readings as frozen for as long as the channel repeats its last one."""
+        self._dead_V = self._last_V
+
+    def reject_limit(self) -> None:
+        """Forget the learned limits: the last reading was not clipped, but the channel froze."""
+        self.low_V, self.high_V = self._range
+        self._rejected_V = self._last_V
 
     def forget_extremes(self) -> None:
         """Forget the extreme voltages, after one of them was a spike."""
@@ -234,6 +266,19 @@ class ReadingFilter:
         self.clipped_counts = [0] * len(self.channels)
         self.frozen_counts = [0] * len(self.channels)
 
+    def note_settled(self, settled: SettledSamples) -> None:
+        """Note the spikes and the channels without a signal that were found in the first samples.
+
+        Parameters
+        ----------
+        settled : SettledSamples
+            The samples from which the baseline was learned.
+        """
+        self.spikes.add_counts(settled.spike_counts)
+        for channel, count in zip(self.channels, settled.baseline.count.tolist(), strict=True):
+            if not count:
+                channel.mark_dead()
+
     def mark(self, time_s: float, voltages: Sequence[float], follows_pause: bool) -> FilteredSample:
         """Mark the voltages of a sample that are missing, clipped or frozen.
 
@@ -245,7 +290,8 @@ class ReadingFilter:
         time_s : float
             Time of the sample.
         voltages : sequence of float
-            Voltages in V.
+            Voltages in V; NaN where they are missing, and infinite where they are marked as beyond
+            the range.
         follows_pause : bool
             Whether samples are missing before this one.
         """
@@ -263,6 +309,7 @@ class ReadingFilter:
                 continue
             if validity is Validity.CLIPPED:
                 is_clipped[number] = True
+                marked[number] = channel.limit_voltage(marked[number])
                 unmarked_count = channel.take_unmarked_count()
                 self.clipped_counts[number] += 1 + unmarked_count
                 if unmarked_count:

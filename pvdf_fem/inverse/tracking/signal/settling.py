@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,12 +12,15 @@ from scipy.special import chdtri
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.inverse.tracking.signal.baseline import SettledBaseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
-from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
+from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample, SettledSamples
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
 
 #: Smallest number of samples from which a baseline is learned, however slow the sampling is: two for
 #: each part.
 MIN_SETTLING_SAMPLES = 16
+#: Smallest fraction of the readings that a channel with a signal has; loggers that read four channels
+#: in turn leave a quarter.
+MIN_MEASURED_FRACTION = 0.15
 MIN_FIT_SAMPLES = 4  #: Smallest number of voltages of a channel to which a line is fitted.
 #: Number of parts of the samples whose means must lie on a line.
 PART_COUNT = 8
@@ -38,17 +41,6 @@ ONSET_DEVIATIONS = 6.0
 MIN_TIME_CONSTANTS = 0.05
 #: A median of absolute values of a normal variable times this number is its standard deviation.
 MEDIAN_TO_DEVIATION = 1.4826
-
-
-@dataclass(frozen=True, eq=False)
-class SettledSamples:
-    """Baseline of the first samples, and the samples after them."""
-
-    baseline: SettledBaseline
-    sample_count: int  #: Number of samples that the baseline was learned from.
-    spike_counts: list[int]  #: Number of readings that were spikes, by channel.
-    #: The last samples, without hum, which may already belong to a contact.
-    pending: list[FilteredSample]
 
 
 class FittedBaseline(NamedTuple):
@@ -162,9 +154,13 @@ class Settling:
         ndarray, shape (electrodes,)
             Standard deviations in V, at least the given noise.
         """
-        differences = np.diff(voltages, n=2, axis=0)
-        # The squared coefficients of a second difference are 1 + 4 + 1.
-        deviation = MEDIAN_TO_DEVIATION * _compute_medians(np.abs(differences)) / math.sqrt(6.0)
+        deviation = np.zeros(voltages.shape[1])
+        for channel, values in enumerate(voltages.T):
+            differences = np.diff(values[~np.isnan(values)], n=2)
+            if len(differences):
+                # The squared coefficients of a second difference are 1 + 4 + 1.
+                median = float(np.median(np.abs(differences)))
+                deviation[channel] = MEDIAN_TO_DEVIATION * median / math.sqrt(6.0)
         return np.maximum(deviation, self._min_noise_V)
 
     def _fit(self, times_s: Array, voltages: Array) -> FittedBaseline:
@@ -235,11 +231,11 @@ class Settling:
 def _find_signals(voltages: Array) -> Mask:
     """Mark the channels that have a signal, shape (electrodes,).
 
-    A channel has no signal if most of its voltages are missing, or if they are all equal although
-    those of another channel are not.
+    A channel has no signal if all but a few of its voltages are missing, or if they are all equal
+    although those of another channel are not.
     """
     is_measured = ~np.isnan(voltages)
-    has_values = is_measured.sum(axis=0) > len(voltages) // 2
+    has_values = is_measured.sum(axis=0) > MIN_MEASURED_FRACTION * len(voltages)
     lowest = np.where(is_measured, voltages, np.inf).min(axis=0)
     highest = np.where(is_measured, voltages, -np.inf).max(axis=0)
     varies = lowest < highest

@@ -15,6 +15,8 @@ SPIKE_DEVIATIONS = 10.0
 SPIKE_MULTIPLE = 6.0
 #: In a flank, a spike deviates by a larger multiple of the difference of the voltages around it.
 FLANK_MULTIPLE = 3.0
+#: Fewest samples of a short touch, in which all channels deviate to one side.
+MIN_TOUCH_SAMPLES = 2
 RECENT_DECAY = 0.8  #: Factor per sample by which recent differences are forgotten.
 #: Longest spike: this time in s, but at least `MIN_SPIKE_SAMPLES`.
 MAX_SPIKE_S = 5e-3
@@ -78,7 +80,10 @@ class SpikeFilter:
             return [sample]
         self._held.append(sample)
         if not is_suspicious:
-            self._remove_spikes()
+            if self._is_short_touch():
+                self._remove_spikes_in_flank()
+            else:
+                self._remove_spikes()
             return self.flush()
         longest = max(MIN_SPIKE_SAMPLES, round(MAX_SPIKE_S / interval_s))
         if len(self._held) <= longest:
@@ -98,6 +103,25 @@ class SpikeFilter:
         for sample in decided:
             self._accept(sample)
         return decided
+
+    def _is_short_touch(self) -> bool:
+        """Whether the held samples deviate in all channels to one side, as by a short touch.
+
+        A single sample is not a touch: spikes of the supply are in all channels, too.
+        """
+        held = self._held[:-1]  # The last sample has come back.
+        if len(held) < MIN_TOUCH_SAMPLES:
+            return False
+        signs = set()
+        for sample in held:
+            for voltage, last, channel in zip(
+                sample.voltages, self._last, self._channels, strict=True
+            ):
+                difference = voltage - last
+                if abs(difference) < SPIKE_DEVIATIONS * channel.noise_V:
+                    return False
+                signs.add(difference > 0.0)
+        return len(signs) == 1
 
     def _is_suspicious(self, sample: FilteredSample) -> bool:
         """Whether a voltage differs from the last accepted one by more than is usual."""

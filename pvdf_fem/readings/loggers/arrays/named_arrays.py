@@ -14,7 +14,7 @@ from pvdf_fem.readings.loggers.logger_reader import (
     BLOCK_SAMPLES,
     LoggerChannel,
     LoggerReader,
-    SampleClock,
+    RegularClock,
 )
 
 #: Names of numbers that are a sampling rate in Hz, and of those that are an interval in s.
@@ -98,7 +98,7 @@ class NamedArrayReader(LoggerReader):
             while group and group not in self._intervals_s:
                 group = group.rpartition("/")[0]
             interval_s = self._intervals_s.get(group)
-            clock = None if interval_s is None else SampleClock(interval_s)
+            clock = None if interval_s is None else RegularClock(interval_s)
             channels.append(LoggerChannel(address, _find_unit(array.attributes), clock))
         return channels
 
