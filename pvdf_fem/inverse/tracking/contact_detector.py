@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -9,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri, ndtri, stdtrit
 
-from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 
@@ -83,9 +83,9 @@ class ContactDetector:
         return len(self._samples) > self.longest_window
 
     @property
-    def drift_errors(self) -> Array:
-        """Errors of the baseline by slow drifts, relative to the noise, shape (electrodes,)."""
-        return np.sqrt(self._drift_variances)
+    def drift_errors(self) -> list[float]:
+        """Errors of the baseline by slow drifts, relative to the noise, by channel."""
+        return [math.sqrt(variance) for variance in self._drift_variances]
 
     def add(self, sample: ComparedSample) -> None:
         """Add the newest sample."""

@@ -66,16 +66,17 @@ class SampleBuffer:
     """
 
     def __init__(self, electrode_count: int) -> None:
-        shape = (CAPACITY, electrode_count)
+        # What is averaged with equal weights is in one array: walk variance, drift and voltages.
+        self._averaged = np.zeros((CAPACITY, 3, electrode_count))
         self._rows = BufferedSamples(
             np.zeros(CAPACITY),
-            np.zeros(shape),
-            noise_variance=np.zeros(shape),
-            walk_variance=np.zeros(shape),
-            drift_pC=np.zeros(shape),
+            np.zeros((CAPACITY, electrode_count)),
+            noise_variance=np.zeros((CAPACITY, electrode_count)),
+            walk_variance=self._averaged[:, 0],
+            drift_pC=self._averaged[:, 1],
             sampling_variance=np.zeros(CAPACITY),
-            is_clipped=np.zeros(shape, dtype=bool),
-            voltages=np.zeros(shape),
+            is_clipped=np.zeros((CAPACITY, electrode_count), dtype=bool),
+            voltages=self._averaged[:, 2],
         )
         self.row_count = 0  #: Number of complete rows.
         self.samples_per_row = 1
@@ -173,15 +174,18 @@ class SampleBuffer:
         change = sample.charges_pC - rows.charges_pC[index]
         rows.charges_pC[index] += new_weight / total_weight * change
         rows.noise_variance[index] = 1.0 / total_weight
-        rows.walk_variance[index] += weight * (sample.walk_variance - rows.walk_variance[index])
-        rows.drift_pC[index] += weight * (sample.drift_pC - rows.drift_pC[index])
         excess = sample.sampling_variance - rows.sampling_variance[index]
         rows.sampling_variance[index] += weight * excess
         rows.is_clipped[index] |= sample.is_clipped
-        earlier = rows.voltages[index]
-        mean = earlier + weight * (voltages - earlier)
-        only = np.where(np.isnan(earlier), voltages, earlier)
-        rows.voltages[index] = np.where(np.isnan(mean), only, mean)
+        earlier = rows.voltages[index].copy()
+        averaged = self._averaged[index]
+        averaged += weight * (
+            np.array([sample.walk_variance, sample.drift_pC, voltages]) - averaged
+        )
+        if math.isnan(averaged[2].sum()):
+            only = np.where(np.isnan(earlier), voltages, earlier)
+            mean = averaged[2]
+            rows.voltages[index] = np.where(np.isnan(mean), only, mean)
 
     def _halve(self) -> None:
         """Replace each pair of rows by its mean."""

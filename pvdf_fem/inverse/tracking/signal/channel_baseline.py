@@ -23,18 +23,51 @@ MAX_LEVEL_ERROR = 0.5
 MAX_TIME_CONSTANTS = 40.0
 
 
-class ChannelState(NamedTuple):
-    """State of the baseline of one channel; see `BaselineSnapshot` for the quantities."""
+class ChannelSnapshot(NamedTuple):
+    """The baseline of a channel at the onset of a contact."""
 
-    time_s: float
-    level: float
-    slope: float
-    noise_V: float
-    line_count: float
-    residual: float
-    residual_at_s: float
-    residual_count: float
-    decay_rate: float
+    time_s: float  #: Time of the last sample of the line.
+    level: float  #: Voltage in V on the line at this time.
+    slope: float  #: In V/s.
+    noise_V: float  #: Standard deviation of a voltage.
+    line_count: float  #: Number of samples that the line is as accurate as.
+    residual: float  #: Residual voltage of the last contact in V.
+    residual_at_s: float  #: Time of the residual.
+    residual_count: float  #: Number of samples that the residual is the mean of.
+    decay_rate: float  #: Rate 1/(R C) in 1/s.
+    drift_error: float  #: Error by drifts that the line has not followed, relative to the noise.
+
+    def predict_line(self, time_s: float) -> float:
+        """Predict the voltage in V without the residual of the last contact."""
+        return self.level + self.slope * (time_s - self.time_s)
+
+    def predict_residual(self, time_s: float) -> float:
+        """Predict the residual voltage of the last contact in V."""
+        return self.residual * self._compute_decay(time_s)
+
+    def compute_error(self, time_s: float, interval_s: float) -> float:
+        """Compute the standard error of the predicted voltage in V.
+
+        See `ChannelBaseline.compute_relative_error`; the line is extrapolated from its last sample.
+
+        Parameters
+        ----------
+        time_s : float
+            Time of the prediction.
+        interval_s : float
+            Sampling interval.
+        """
+        count = self.line_count
+        extrapolated = (time_s - self.time_s) / interval_s
+        line_error = 2.0 / math.sqrt(count) * (1.0 + extrapolated / count)
+        residual_error = 0.0
+        if self.residual:
+            residual_error = self._compute_decay(time_s) / math.sqrt(self.residual_count)
+        return self.noise_V * math.hypot(line_error, self.drift_error, residual_error)
+
+    def _compute_decay(self, time_s: float) -> float:
+        """Compute the fraction of the residual that remains at a given time."""
+        return math.exp(-self.decay_rate * max(time_s - self.residual_at_s, 0.0))
 
 
 class ChannelBaseline:
@@ -108,10 +141,15 @@ class ChannelBaseline:
         """Whether the line holds enough samples to predict the next one."""
         return self.line_count >= MIN_LINE_SAMPLES
 
-    @property
-    def state(self) -> ChannelState:
-        """The present state, with which voltages are predicted during a contact."""
-        return ChannelState(
+    def take_snapshot(self, drift_error: float) -> ChannelSnapshot:
+        """Return the present state, with which voltages are predicted during a contact.
+
+        Parameters
+        ----------
+        drift_error : float
+            Error by drifts that the line has not followed, relative to the noise.
+        """
+        return ChannelSnapshot(
             time_s=self.time_s,
             level=self._level,
             slope=self._slope,
@@ -121,6 +159,7 @@ class ChannelBaseline:
             residual_at_s=self._residual_at_s,
             residual_count=self._residual_count,
             decay_rate=self._decay_rate,
+            drift_error=drift_error,
         )
 
     def set_line(

@@ -298,8 +298,9 @@ class ReadingFilter:
         marked = list(voltages)
         is_clipped = [False] * len(marked)
         clipped_before: Sequence[int] = ()
-        if all(map(math.isnan, marked)):
-            return FilteredSample(time_s, marked, is_clipped, follows_pause)
+        sample = FilteredSample(time_s, marked, is_clipped, follows_pause)
+        if sample.has_no_reading:
+            return sample
         for number, channel in enumerate(self.channels):
             before = channel.validity
             validity = channel.classify(time_s, marked[number])
@@ -322,7 +323,7 @@ class ReadingFilter:
             elif validity is Validity.FROZEN:
                 self.frozen_counts[number] += 1
                 self._mark_held_as_missing(number, channel.repeat_count)
-        return FilteredSample(time_s, marked, is_clipped, follows_pause, clipped_before)
+        return sample._replace(clipped_before=clipped_before) if clipped_before else sample
 
     def remove_spikes(self, sample: FilteredSample, interval_s: float) -> list[FilteredSample]:
         """Remove spikes, and return the samples that are decided; see `SpikeFilter.receive`."""

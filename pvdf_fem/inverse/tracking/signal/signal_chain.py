@@ -132,8 +132,6 @@ class SignalChain:
 
     def _subtract_hum(self, sample: FilteredSample) -> FilteredSample:
         """Return a sample without the mains hum, if it has been learned."""
-        if not self.hum.is_learned:
-            return sample
         if not self.hum.is_active:
             self.hum.observe(sample.time_s, sample.voltages)
             return sample
