@@ -15,15 +15,16 @@ from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample, SettledSamples
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
 
-#: Fewest samples from which a baseline is learned, however slow the sampling is.
+#: Smallest number of samples from which a baseline is learned, however slow the sampling is: two for
+#: each part.
 MIN_SETTLING_SAMPLES = 16
-#: Fraction of the readings that a channel with a signal has; loggers that read four channels in turn
-#: leave a quarter.
+#: Smallest fraction of the readings that a channel with a signal has; loggers that read four channels
+#: in turn leave a quarter.
 MIN_MEASURED_FRACTION = 0.15
-MIN_FIT_SAMPLES = 4  #: Fewest voltages of a channel that a line is fitted to.
+MIN_FIT_SAMPLES = 4  #: Smallest number of voltages of a channel to which a line is fitted.
 #: Number of parts of the samples whose means must lie on a line.
 PART_COUNT = 8
-#: Probability that noise alone is taken for a touch.
+#: Probability, each time the baseline is learned, that noise alone is taken for a touch.
 UNSTEADY_PROBABILITY = 1e-6
 #: Means of parts that deviate from a line by less than this, in noise deviations, are steady.
 MIN_UNSTEADY_DEVIATION = 0.5
@@ -32,7 +33,8 @@ MIN_UNSTEADY_DEVIATION = 0.5
 MAX_SPIKE_SAMPLES = 4
 SPIKE_DEVIATIONS = 10.0
 SPIKE_MULTIPLE = 3.0
-#: Deviations from the first samples that begin a touch, in noise deviations.
+#: Deviations from the first samples that begin a touch, in noise deviations. Noise exceeds them in one
+#: of 500 million voltages.
 ONSET_DEVIATIONS = 6.0
 #: A residual voltage is distinguished from the level if it decays by this number of time constants
 #: at least during the samples.
@@ -42,14 +44,14 @@ MEDIAN_TO_DEVIATION = 1.4826
 
 
 class FittedBaseline(NamedTuple):
-    """Baseline, and what it leaves unexplained."""
+    """Baseline, and the voltages that it does not explain."""
 
     baseline: SettledBaseline
     errors_V: Array  #: Voltages less those of the baseline, shape (n, electrodes).
 
 
 class Settling:
-    """Collects samples until they are long enough and nothing touches the film.
+    """Collection of samples until they are long enough and nothing touches the film.
 
     Parameters
     ----------
@@ -250,7 +252,7 @@ def _find_signals(voltages: Array) -> Mask:
 
 
 def _remove_spikes(voltages: Array, noise_V: Array) -> Array:
-    """Replace single voltages and short bursts that leave the signal and come back by NaN.
+    """Replace spikes by NaN: single voltages and short bursts that leave the signal and come back.
 
     Parameters
     ----------
