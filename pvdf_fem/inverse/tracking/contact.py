@@ -24,8 +24,9 @@ from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 #: Number of samples after which the errors of an explained contact are checked again.
 LOST_CHECK_SAMPLES = 32
-#: The noise of a contact is larger than that of the baseline if the reduced chi-square of its samples
-#: exceeds this number, with so many degrees of freedom. One sample adds at most `MAX_CHI_SQUARE`.
+#: The noise of a contact is larger than that of the baseline if the reduced chi-square of all its
+#: samples exceeds this number, with at least so many degrees of freedom. Chance alone exceeds it in
+#: 7 of a million contacts. One sample adds at most `MAX_CHI_SQUARE`.
 MIN_NOISE_RATIO = 2.0
 MIN_DEGREES_OF_FREEDOM = 60
 MAX_CHI_SQUARE = 1e4
@@ -37,7 +38,7 @@ STEP_CHECK_SAMPLES = 8
 
 
 class ContactLocator:
-    """Estimates the position and the force of a contact while its charges change.
+    """Estimator of the position and the force of a contact while its charges change.
 
     The position is located from the peak of the charges, first as soon as there are enough samples
     and their charges are significant. If that fails, it is tried again when there are a few more.
@@ -261,7 +262,10 @@ class Contact:
         self.record.exclude_channel(number)
 
     def find_stepped_channel(self) -> int | None:
-        """Return the channel whose voltage alone has stepped, or None; it is looked for rarely."""
+        """Return the channel whose voltage alone has stepped, or None.
+
+        It is looked for at every eighth sample only, see `STEP_CHECK_SAMPLES`.
+        """
         if len(self.record) % STEP_CHECK_SAMPLES:
             return None
         return self.record.find_stepped_channel()
@@ -319,10 +323,10 @@ class Contact:
 
     @property
     def is_hidden_by_clipping(self) -> bool:
-        """Whether too few channels tell the charges at the peak, because others are clipped."""
-        return self.is_peak_clipped or (
-            bool(self.was_clipped.any()) and self.locator.is_peak_undetermined
-        )
+        """Whether clipping leaves too few measured channels at the peak to locate the touch."""
+        if self.is_peak_clipped:
+            return True
+        return bool(self.was_clipped.any()) and self.locator.is_peak_undetermined
 
     @property
     def is_significant(self) -> bool:

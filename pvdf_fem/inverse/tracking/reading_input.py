@@ -16,7 +16,7 @@ MAX_TIME_S = 1e15
 
 
 class ReadingInput:
-    """Converts readings to voltages before gain and offset.
+    """Converter of readings to the voltages before gain and offset.
 
     Parameters
     ----------

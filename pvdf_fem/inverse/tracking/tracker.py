@@ -65,6 +65,8 @@ class Tracker:
 
     Attributes
     ----------
+    response : Response
+        The response.
     touches : list of TouchSummary
         Summaries of the touches that have ended.
 
@@ -177,7 +179,7 @@ class Tracker:
         Raises
         ------
         ValueError
-            If a name is unknown, or the number of readings is wrong.
+            If a name is unknown, the number of readings is wrong, or one is not a number.
         """
         time_s = self._input.coerce_time(t)
         waiting = self._waiting
@@ -259,7 +261,7 @@ class Tracker:
         self._waiting = deque(decided)
 
     def _report_touch_while_settling(self, begin_s: float, end_s: float) -> None:
-        """Append a touch that began while the baseline was learned to `touches`, without position.
+        """Append a touch that began while the baseline was learned, which has no position.
 
         Parameters
         ----------

@@ -11,7 +11,7 @@ MAX_CLIPPED_HEIGHT = 0.5
 CLIPPED_HEIGHT_DEVIATION = 0.1
 #: Steps that differ by less than this fraction have the same factors.
 STEP_TOLERANCE = 1e-6
-#: Time over which the slope of a voltage is averaged.
+#: Time in s over which the slope of a voltage is averaged.
 SLOPE_TIME_S = 5e-3
 
 

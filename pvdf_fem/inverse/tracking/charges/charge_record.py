@@ -22,7 +22,8 @@ from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 END_CHECK_GROWTH = 1.0 / 64.0
 #: Number of rows from which the slope of the charges before a pause is estimated.
 SLOPE_ROWS = 4
-#: A pause may have hidden the peak if the charges in it may have exceeded it by this factor.
+#: A pause may have hidden the peak if the charges in it may have exceeded the measured peak by this
+#: factor. A smaller excess changes the force by two percent or so.
 HIDDEN_PEAK_FACTOR = 1.02
 
 
@@ -183,7 +184,7 @@ class ChargeRecord:
         return find_only_charge(charges_pC, variance, self._largest_size, options)
 
     def mark_clipped(self, number: int, count: int) -> None:
-        """Let the charges of an electrode in the last `count` samples be limits."""
+        """Mark the charges of an electrode in the last `count` samples as limits."""
         self._buffer.mark_clipped(number, count)
 
     def exclude_channel(self, number: int) -> None:
@@ -225,8 +226,8 @@ class ChargeRecord:
         -------
         ChargeSample
             Smoothed charges at the time of the window's centre, with the reduced variance of their
-            noise. Channels without a reading in most of the window count as missing, those that
-            were clipped in any of it as clipped.
+            noise. Channels whose readings carry little of the weight of the window count as missing,
+            those that were clipped in any of it as clipped.
 
         Notes
         -----

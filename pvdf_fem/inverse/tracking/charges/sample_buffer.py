@@ -10,7 +10,8 @@ import numpy as np
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 
-#: Number of samples that are kept; their number is halved when it is reached.
+#: Number of rows, which is halved when it is reached. A contact then keeps at least 256 rows, of
+#: which an end of 1/16 (`TrackOptions.still_fraction`) has 16.
 CAPACITY = 512
 
 
@@ -100,7 +101,7 @@ class SampleBuffer:
         """The complete rows."""
         return self._rows.select(slice(self.row_count))
 
-    def add(self, sample: ChargeSample, voltages: Array) -> bool:
+    def add(self, sample: ChargeSample, voltages: Array) -> None:
         """Add a sample.
 
         Parameters
@@ -109,11 +110,6 @@ class SampleBuffer:
             The sample.
         voltages : ndarray, shape (electrodes,)
             Its voltages in V above the line of the baseline.
-
-        Returns
-        -------
-        bool
-            Whether a row is complete with this sample.
         """
         index = self.row_count
         if self._partial_count == 0:
@@ -121,13 +117,11 @@ class SampleBuffer:
         else:
             self._merge_into_row(index, sample, voltages)
         self._partial_count += 1
-        if self._partial_count < self.samples_per_row:
-            return False
-        self._partial_count = 0
-        self.row_count += 1
+        if self._partial_count == self.samples_per_row:
+            self._partial_count = 0
+            self.row_count += 1
         if self.row_count == CAPACITY:
             self._halve()
-        return True
 
     def mark_clipped(self, number: int, count: int) -> None:
         """Mark the charges of an electrode in the rows of the last samples as limits.

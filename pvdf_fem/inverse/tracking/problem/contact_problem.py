@@ -80,7 +80,7 @@ class ContactProblem(LocationProblem):
     The coordinates are x and y relative to the film's centre in mm, the rotation in degrees and the
     logarithm of the force in N.
     Outside its range of forces, the response is extrapolated: the changes of the charges follow the
-    power law of the force that is tangent at the minimum or maximum force (see `linearise`).
+    power law of the force that is tangent at the minimum or maximum force (`compute_residuals`).
     """
 
     #: Charges of the unloaded film in pC, shape (electrodes,).

@@ -152,6 +152,6 @@ class Baseline:
             if voltage == voltage:  # not NaN
                 channel.add(time_s, voltage, interval_s)
 
-    def has_new_residual(self) -> bool:
-        """Whether the errors of a channel change quickly; see `ChannelBaseline`."""
-        return any(channel.has_new_residual() for channel in self.channels)
+    def has_changing_error(self) -> bool:
+        """Whether the error of a channel changes quickly; see `ChannelBaseline`."""
+        return any(channel.has_changing_error() for channel in self.channels)

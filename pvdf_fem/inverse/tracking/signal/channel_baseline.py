@@ -9,9 +9,11 @@ from pvdf_fem.inverse.tracking.signal.decay_fit import DecayFit
 
 #: A channel takes part in the detection of contacts when its line holds this many samples.
 MIN_LINE_SAMPLES = 8
-#: After this number of memories, the gains of the filter are those of its memory.
+#: After this number of memories m, the gains of the filter are those of its memory: the gains 4/k and
+#: 6/k² of k samples have fallen below 2/m and 1/m².
 STEADY_MEMORIES = 2.5
-#: From this number of samples on, the errors of lines and residuals change slowly.
+#: From this number of samples on, the errors of lines and residuals change by less than 1 % with each
+#: sample.
 MANY_SAMPLES = 64
 #: A line is not extrapolated if its standard error would exceed this number of noise deviations.
 MAX_SLOPE_ERROR = 1.0
@@ -197,7 +199,7 @@ class ChannelBaseline:
     def forget_line(self) -> None:
         """Forget the line, so that it is learned again from the next samples; keep the noise.
 
-        A voltage that decays is told from its level by a fit of both.
+        If the channel has a resistance, the level and a residual that decays are fitted together.
         """
         self.line_count = 0
         self._residual = 0.0
@@ -277,7 +279,7 @@ class ChannelBaseline:
         return 2.0 / math.sqrt(count) * (1.0 + extrapolated / count)
 
     def stop_uncertain_slope(self, time_s: float, interval_s: float) -> None:
-        """Let the line go on level from its last sample if a pause was too long for its slope.
+        """Set the slope to zero if the line would be too uncertain after a pause.
 
         Parameters
         ----------
@@ -304,7 +306,7 @@ class ChannelBaseline:
         # A line through 4/e² samples has the error e.
         self.line_count = max(min(self.line_count, int(4.0 / error**2)), 1)
 
-    def has_new_residual(self) -> bool:
+    def has_changing_error(self) -> bool:
         """Whether the line or the residual holds so few samples that its error changes quickly."""
         is_new = bool(self._residual) and self._residual_count < MANY_SAMPLES
         return is_new or self.line_count < MANY_SAMPLES

@@ -14,7 +14,8 @@ from pvdf_fem.inverse.tracking.signal.spike_filter import SpikeFilter
 
 #: Voltages beyond this magnitude in V are missing: no converter has such a range.
 MAX_VOLTAGE_V = 1e6
-#: A channel is frozen if so many equal readings are less likely than this by chance.
+#: A channel is frozen if so many equal readings are less likely than this by chance, which then
+#: happens once in 11 days at 1 kHz.
 FROZEN_PROBABILITY = 1e-9
 MIN_FROZEN_READINGS = 4  #: Fewer equal readings do not count as frozen.
 #: The same for equal readings at the extreme of a channel, which is then clipped.
@@ -37,12 +38,12 @@ MAX_RETURN_DEVIATIONS = 6.0
 
 
 class Validity(IntEnum):
-    """What a reading tells about the voltage."""
+    """Relation between a reading and the voltage."""
 
-    VALUE = auto()  #: The voltage.
-    MISSING = auto()  #: Nothing.
-    CLIPPED = auto()  #: A limit of the voltage.
-    FROZEN = auto()  #: Nothing: the channel repeats its last reading.
+    VALUE = auto()  #: The reading is the voltage.
+    MISSING = auto()  #: There is no reading, or one that no converter can make.
+    CLIPPED = auto()  #: The reading is a limit of the voltage.
+    FROZEN = auto()  #: The channel repeats its last reading; the voltage is unknown.
 
 
 #: Validities of a channel that has no signal.
@@ -50,14 +51,14 @@ OUTAGES = (Validity.MISSING, Validity.FROZEN)
 
 
 class ChannelFilter:
-    """Finds readings of one channel that are missing, clipped or frozen.
+    """Filter that finds readings of one channel that are missing, clipped or frozen.
 
     Parameters
     ----------
     low_V, high_V : float
-        Limits of the voltage that the converter can tell; infinite if they are not known.
+        Limits of the voltages in V that the converter can read; infinite if they are not known.
     baseline : ChannelBaseline
-        Baseline of the channel, which tells how far a voltage is from that of the unloaded film.
+        Baseline of the channel: its noise, and the voltage of the unloaded film.
     """
 
     def __init__(self, low_V: float, high_V: float, baseline: ChannelBaseline) -> None:
@@ -93,6 +94,11 @@ class ChannelFilter:
         voltage : float
             Voltage in V before gain and offset; NaN if it is missing, and infinite if it is marked
             as beyond the range.
+
+        Returns
+        -------
+        Validity
+            Also kept in `validity`.
         """
         if voltage != self._last_V and self.low_V < voltage < self.high_V:
             if self.repeat_count > 1:
@@ -147,7 +153,7 @@ class ChannelFilter:
         """Return a voltage; for an infinite one the limit that it is beyond.
 
         This is the end of the converter's range, or else the extreme voltage so far, which the
-        converter could still tell. It is infinite before the first voltage.
+        converter could still read. It is infinite before the first voltage.
         """
         if voltage == math.inf:
             return self._range[1] if self._range[1] < MAX_VOLTAGE_V else self._max_V
@@ -214,7 +220,7 @@ class ChannelFilter:
         self._unmarked_count = self.repeat_count - 1
 
     def mark_dead(self) -> None:
-        """Let the channel be frozen for as long as it repeats its last reading."""
+        """Classify readings as frozen for as long as the channel repeats its last one."""
         self._dead_V = self._last_V
 
     def reject_limit(self) -> None:
@@ -238,12 +244,12 @@ class ChannelFilter:
 
 
 class ReadingFilter:
-    """Finds readings that are not values, and holds suspicious samples back for a few samples.
+    """Filter that marks readings that are not values, and removes spikes.
 
     Parameters
     ----------
     circuit : ReadoutCircuit
-        Lowest and highest voltage that each channel's converter can tell.
+        Lowest and highest voltage that the converter of each channel can read.
     baseline : Baseline
         Baseline and noise of the channels.
     """

@@ -15,15 +15,16 @@ from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample, SettledSamples
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
 
-#: Fewest samples from which a baseline is learned, however slow the sampling is.
+#: Smallest number of samples from which a baseline is learned, however slow the sampling is: two for
+#: each part.
 MIN_SETTLING_SAMPLES = 16
-#: Fraction of the readings that a channel with a signal has; loggers that read four channels in turn
-#: leave a quarter.
+#: Smallest fraction of the readings that a channel with a signal has; loggers that read four channels
+#: in turn leave a quarter.
 MIN_MEASURED_FRACTION = 0.15
-MIN_FIT_SAMPLES = 4  #: Fewest voltages of a channel that a line is fitted to.
+MIN_FIT_SAMPLES = 4  #: Smallest number of voltages of a channel to which a line is fitted.
 #: Number of parts of the samples whose means must lie on a line.
 PART_COUNT = 8
-#: Probability that noise alone is taken for a touch.
+#: Probability, each time the baseline is learned, that noise alone is taken for a touch.
 UNSTEADY_PROBABILITY = 1e-6
 #: Means of parts that deviate from a line by less than this, in noise deviations, are steady.
 MIN_UNSTEADY_DEVIATION = 0.5
@@ -32,7 +33,8 @@ MIN_UNSTEADY_DEVIATION = 0.5
 MAX_SPIKE_SAMPLES = 4
 SPIKE_DEVIATIONS = 10.0
 SPIKE_MULTIPLE = 3.0
-#: Deviations from the first samples that begin a touch, in noise deviations.
+#: Deviations from the first samples that begin a touch, in noise deviations. Noise exceeds them in one
+#: of 500 million voltages.
 ONSET_DEVIATIONS = 6.0
 #: Residuals are stationary noise if their sizes in so many attempts differ by less than a factor,
 #: and their peak by less than another from the last size.
@@ -47,14 +49,14 @@ MEDIAN_TO_DEVIATION = 1.4826
 
 
 class FittedBaseline(NamedTuple):
-    """Baseline, and what it leaves unexplained."""
+    """Baseline, and the voltages that it does not explain."""
 
     baseline: SettledBaseline
     errors_V: Array  #: Voltages less those of the baseline, shape (n, electrodes).
 
 
 class Settling:
-    """Collects samples until they are long enough and nothing touches the film.
+    """Collection of samples until they are long enough and nothing touches the film.
 
     Parameters
     ----------
@@ -126,13 +128,13 @@ class Settling:
         times_s = np.array([sample.time_s for sample in samples])
         voltages = np.array([sample.voltages for sample in samples])
         voltages[np.array([sample.is_clipped for sample in samples])] = np.nan
+        is_missing = np.isnan(voltages)
         voltages = _remove_spikes(voltages, self._estimate_noise(voltages))
         if self._hum is not None:
             self._hum.learn(times_s, voltages)
             voltages = voltages - self._hum.predict(times_s)
             voltages = _remove_spikes(voltages, self._estimate_noise(voltages))
-        raw = np.array([sample.voltages for sample in samples])
-        is_spike = np.isnan(voltages) & ~np.isnan(raw)
+        is_spike = np.isnan(voltages) & ~is_missing
         noise_V = self._estimate_noise(voltages)
         has_signal = _find_signals(voltages)
         count = len(samples) - len(samples) // PART_COUNT
@@ -152,7 +154,16 @@ class Settling:
         line_count = np.where(has_signal, baseline.count, 0)
         pending = []
         for sample, cleaned in zip(samples[count:], voltages[count:].tolist(), strict=True):
-            pending.append(sample._replace(voltages=cleaned))
+            # This takes a fifth of the time of `_replace`; at 20 kHz there are 1000 samples.
+            pending.append(
+                FilteredSample(
+                    sample.time_s,
+                    cleaned,
+                    is_clipped=sample.is_clipped,
+                    follows_pause=sample.follows_pause,
+                    clipped_before=sample.clipped_before,
+                )
+            )
         return SettledSamples(
             replace(baseline, count=line_count),
             count,
@@ -286,7 +297,7 @@ def _find_signals(voltages: Array) -> Mask:
 
 
 def _remove_spikes(voltages: Array, noise_V: Array) -> Array:
-    """Replace single voltages and short bursts that leave the signal and come back by NaN.
+    """Replace spikes by NaN: single voltages and short bursts that leave the signal and come back.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ MIN_PAUSE_INTERVALS = 4.5
 
 
 class SignalChain:
-    """Turns stamped voltages into samples with true times, without hum and spikes.
+    """Chain that turns stamped voltages into samples with true times, without hum and spikes.
 
     Parameters
     ----------

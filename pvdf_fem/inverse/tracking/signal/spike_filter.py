@@ -24,7 +24,7 @@ MIN_SPIKE_SAMPLES = 4
 
 
 class SpikeFilter:
-    """Finds single samples and short bursts that leave the signal and come back.
+    """Filter that removes single samples and short bursts that leave the signal and come back.
 
     A sample that differs from the last one by more than the noise and the recent differences can
     explain is held back, until the voltages have come back or the longest duration of a spike has
@@ -64,6 +64,11 @@ class SpikeFilter:
             The sample; its voltages may be replaced by NaN.
         interval_s : float
             Sampling interval.
+
+        Returns
+        -------
+        list of FilteredSample
+            Decided samples, the oldest first; none while they are held back.
         """
         if sample.follows_pause:
             decided = [*self.flush(), sample]
