@@ -356,7 +356,7 @@ def test_something_that_presses_when_a_pause_ends_is_noticed():
     taps = [Tap(0.9, 1.0, (3.0, -2.0), 0.8), Tap(2.6, 0.2, (-4.0, 1.0), 1.2)]
     t, readings = make_stream(model, taps, 3.2, noise_V=5e-4)
     is_sent = (t < 0.8) | (t > 1.3)
-    tracker, rows = track(model, t[is_sent], readings[is_sent])
+    tracker, _ = track(model, t[is_sent], readings[is_sent])
     first, second = tracker.touches
     assert first.status == "lost"
     assert first.onset_s == pytest.approx(1.3, abs=0.01)
