@@ -371,3 +371,16 @@ def test_a_spike_while_the_baseline_becomes_known_is_no_touch(before_end, length
     assert_touch_is_tap(touch, TAP)
     assert touch.missing == ""
     assert len(tracker.notes) == 1
+
+
+def test_samples_that_wait_at_a_high_rate_are_all_processed():
+    """At 20 kHz, 1000 samples are due when the baseline is learned, and more when a touch begins.
+
+    They are spread over the next updates, whose rows have the times of their own samples.
+    """
+    tap = replace(TAP, begin_s=0.4404)
+    t, readings = make_stream(SENSOR, [tap], 0.8, rate_Hz=20_000.0)
+    tracker, rows = track(SENSOR, t, readings)
+    (touch,) = tracker.touches
+    assert_touch_is_tap(touch, tap)
+    np.testing.assert_array_equal([row.t_s for row in rows], t)

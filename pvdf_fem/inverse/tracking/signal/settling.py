@@ -118,13 +118,13 @@ class Settling:
         times_s = np.array([sample.time_s for sample in samples])
         voltages = np.array([sample.voltages for sample in samples])
         voltages[np.array([sample.is_clipped for sample in samples])] = np.nan
+        is_missing = np.isnan(voltages)
         voltages = _remove_spikes(voltages, self._estimate_noise(voltages))
         if self._hum is not None:
             self._hum.learn(times_s, voltages)
             voltages = voltages - self._hum.predict(times_s)
             voltages = _remove_spikes(voltages, self._estimate_noise(voltages))
-        raw = np.array([sample.voltages for sample in samples])
-        is_spike = np.isnan(voltages) & ~np.isnan(raw)
+        is_spike = np.isnan(voltages) & ~is_missing
         noise_V = self._estimate_noise(voltages)
         has_signal = _find_signals(voltages)
         count = len(samples) - len(samples) // PART_COUNT
@@ -138,7 +138,16 @@ class Settling:
         line_count = np.where(has_signal, fitted.baseline.count, 0)
         pending = []
         for sample, cleaned in zip(samples[count:], voltages[count:].tolist(), strict=True):
-            pending.append(sample._replace(voltages=cleaned))
+            # This takes a fifth of the time of `_replace`; at 20 kHz there are 1000 samples.
+            pending.append(
+                FilteredSample(
+                    sample.time_s,
+                    cleaned,
+                    is_clipped=sample.is_clipped,
+                    follows_pause=sample.follows_pause,
+                    clipped_before=sample.clipped_before,
+                )
+            )
         return SettledSamples(
             replace(fitted.baseline, count=line_count),
             count,
