@@ -283,7 +283,7 @@ class Contact:
         """Return a channel that seems clipped though the touch is almost over, or None.
 
         The charges of the other channels have fallen below `TrackOptions.max_clipped_fraction` of
-        the largest. It is looked for rarely.
+        the largest. They are compared at every eighth sample only, see `STEP_CHECK_SAMPLES`.
         """
         last = self.record.last
         largest = self.record.largest
