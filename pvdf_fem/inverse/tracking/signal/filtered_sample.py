@@ -47,5 +47,6 @@ class SettledSamples:
     baseline: SettledBaseline
     sample_count: int  #: Number of samples that the baseline was learned from.
     spike_counts: list[int]  #: Number of readings that were spikes, by channel.
+    is_at_limit: list[bool]  #: Whether a channel lies at the end of its range.
     #: The last samples, without hum, which may already belong to a contact.
     pending: list[FilteredSample]

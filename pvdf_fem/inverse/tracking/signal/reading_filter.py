@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from enum import IntEnum, auto
+from itertools import compress
 
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.channel_baseline import ChannelBaseline
@@ -265,6 +266,7 @@ class ReadingFilter:
         #: Number of clipped readings, and of readings of frozen channels, by channel.
         self.clipped_counts = [0] * len(self.channels)
         self.frozen_counts = [0] * len(self.channels)
+        self._is_at_limit = [False] * len(self.channels)
 
     def note_settled(self, settled: SettledSamples) -> None:
         """Note the spikes and the channels without a signal that were found in the first samples.
@@ -275,6 +277,7 @@ class ReadingFilter:
             The samples from which the baseline was learned.
         """
         self.spikes.add_counts(settled.spike_counts)
+        self._is_at_limit = settled.is_at_limit
         for channel, count in zip(self.channels, settled.baseline.count.tolist(), strict=True):
             if not count:
                 channel.mark_dead()
@@ -377,4 +380,11 @@ class ReadingFilter:
             ]
             if shown:
                 sentences.append(f"{', '.join(shown)}: {text}")
+        at_limit = list(compress(names, self._is_at_limit))
+        if at_limit:
+            sentences.append(
+                f"the readings of {', '.join(at_limit)} on the unloaded film lie at the end of the "
+                f"converter's range, which cuts the decay after touches: shift them by a bias, and "
+                f"give it as readout.offset_V"
+            )
         return sentences

@@ -9,18 +9,21 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.tracking.signal.baseline import SettledBaseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample, SettledSamples
+from pvdf_fem.inverse.tracking.signal.first_samples import (
+    compute_medians,
+    find_channels_at_limit,
+    find_signals,
+    remove_spikes,
+)
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
 
 #: Smallest number of samples from which a baseline is learned, however slow the sampling is: two for
 #: each part.
 MIN_SETTLING_SAMPLES = 16
-#: Smallest fraction of the readings that a channel with a signal has; loggers that read four channels
-#: in turn leave a quarter.
-MIN_MEASURED_FRACTION = 0.15
 MIN_FIT_SAMPLES = 4  #: Smallest number of voltages of a channel to which a line is fitted.
 #: Number of parts of the samples whose means must lie on a line.
 PART_COUNT = 8
@@ -28,11 +31,6 @@ PART_COUNT = 8
 UNSTEADY_PROBABILITY = 1e-6
 #: Means of parts that deviate from a line by less than this, in noise deviations, are steady.
 MIN_UNSTEADY_DEVIATION = 0.5
-#: Spikes have at most this number of samples, and deviate from the samples before and after them by
-#: more noise deviations and a larger multiple of the difference of these samples.
-MAX_SPIKE_SAMPLES = 4
-SPIKE_DEVIATIONS = 10.0
-SPIKE_MULTIPLE = 3.0
 #: Deviations from the first samples that begin a touch, in noise deviations. Noise exceeds them in one
 #: of 500 million voltages.
 ONSET_DEVIATIONS = 6.0
@@ -128,15 +126,16 @@ class Settling:
         times_s = np.array([sample.time_s for sample in samples])
         voltages = np.array([sample.voltages for sample in samples])
         voltages[np.array([sample.is_clipped for sample in samples])] = np.nan
+        unchanged = voltages
         is_missing = np.isnan(voltages)
-        voltages = _remove_spikes(voltages, self._estimate_noise(voltages))
+        voltages = remove_spikes(voltages, self._estimate_noise(voltages))
         if self._hum is not None:
             self._hum.learn(times_s, voltages)
             voltages = voltages - self._hum.predict(times_s)
-            voltages = _remove_spikes(voltages, self._estimate_noise(voltages))
+            voltages = remove_spikes(voltages, self._estimate_noise(voltages))
         is_spike = np.isnan(voltages) & ~is_missing
         noise_V = self._estimate_noise(voltages)
-        has_signal = _find_signals(voltages)
+        has_signal = find_signals(voltages)
         count = len(samples) - len(samples) // PART_COUNT
         fitted = self._fit(times_s[:count], voltages[:count])
         residuals = np.where(has_signal, fitted.errors_V, np.nan)
@@ -168,6 +167,7 @@ class Settling:
             replace(baseline, count=line_count),
             count,
             spike_counts=is_spike.sum(axis=0).tolist(),
+            is_at_limit=find_channels_at_limit(unchanged).tolist(),
             pending=pending,
         )
 
@@ -282,86 +282,6 @@ class Settling:
         self._next_attempt_s = self.samples[0].time_s + self._duration_s
 
 
-def _find_signals(voltages: Array) -> Mask:
-    """Mark the channels that have a signal, shape (electrodes,).
-
-    A channel has no signal if all but a few of its voltages are missing, or if they are all equal
-    although those of another channel are not.
-    """
-    is_measured = ~np.isnan(voltages)
-    has_values = is_measured.sum(axis=0) > MIN_MEASURED_FRACTION * len(voltages)
-    lowest = np.where(is_measured, voltages, np.inf).min(axis=0)
-    highest = np.where(is_measured, voltages, -np.inf).max(axis=0)
-    varies = lowest < highest
-    return np.asarray(has_values & (varies | ~varies.any()))
-
-
-def _remove_spikes(voltages: Array, noise_V: Array) -> Array:
-    """Replace spikes by NaN: single voltages and short bursts that leave the signal and come back.
-
-    Parameters
-    ----------
-    voltages : ndarray, shape (n, electrodes)
-        Voltages in V.
-    noise_V : ndarray, shape (electrodes,)
-        Standard deviations of a voltage.
-
-    Returns
-    -------
-    ndarray, shape (n, electrodes)
-        Copy of the voltages.
-    """
-    is_spike = np.zeros(voltages.shape, dtype=bool)
-    for length in range(1, MAX_SPIKE_SAMPLES + 1):
-        before = voltages[: -length - 1]
-        after = voltages[length + 1 :]
-        middle = (before + after) / 2.0
-        limit = SPIKE_DEVIATIONS * noise_V + SPIKE_MULTIPLE * np.abs(after - before)
-        for offset in range(1, length + 1):
-            inside = slice(offset, offset + len(middle))
-            is_spike[inside] |= np.abs(voltages[inside] - middle) > limit
-    cleaned = np.where(is_spike, np.nan, voltages)
-    first = slice(MAX_SPIKE_SAMPLES)
-    cleaned[first][_find_spikes_at_start(cleaned, noise_V)] = np.nan
-    return cleaned
-
-
-def _find_spikes_at_start(voltages: Array, noise_V: Array) -> Mask:
-    """Mark those of the first voltages that are far outside the range of the later ones.
-
-    Spikes in the first samples do not come back to a voltage before them.
-
-    Parameters
-    ----------
-    voltages : ndarray, shape (n, electrodes)
-        Voltages in V; NaN where they are missing.
-    noise_V : ndarray, shape (electrodes,)
-        Standard deviations of a voltage.
-
-    Returns
-    -------
-    ndarray of bool, shape (`MAX_SPIKE_SAMPLES`, electrodes)
-    """
-    first = voltages[:MAX_SPIKE_SAMPLES]
-    later = voltages[MAX_SPIKE_SAMPLES:]
-    is_measured = ~np.isnan(later)
-    lowest = np.where(is_measured, later, np.inf).min(axis=0)
-    highest = np.where(is_measured, later, -np.inf).max(axis=0)
-    margin = SPIKE_DEVIATIONS * noise_V + np.maximum(highest - lowest, 0.0)
-    is_outside = (first > highest + margin) | (first < lowest - margin)
-    return np.asarray(is_outside & is_measured.any(axis=0))
-
-
-def _compute_medians(values: Array) -> Array:
-    """Compute medians along the first axis without missing values; 0 where all are missing."""
-    is_measured = ~np.isnan(values)
-    ordered = np.sort(values, axis=0)  # NaN comes last
-    count = is_measured.sum(axis=0)
-    middle = np.maximum(count - 1, 0) // 2
-    median = np.take_along_axis(ordered, middle[None], axis=0)[0]
-    return np.where(count > 0, median, 0.0)
-
-
 def _is_steady(residuals: Array, noise_V: Array) -> bool:
     """Test whether the means of parts of the residuals are explained by the noise.
 
@@ -427,7 +347,7 @@ def _find_onset(times_s: Array, voltages: Array, noise_V: Array) -> float:
         Time in s.
     """
     first_count = max(len(voltages) // PART_COUNT, 2)
-    start = _compute_medians(voltages[:first_count])
+    start = compute_medians(voltages[:first_count])
     deviations = np.abs(voltages - start) / noise_V
     is_changed = (deviations > ONSET_DEVIATIONS).any(axis=1)
     return float(times_s[int(np.argmax(is_changed))])
