@@ -191,6 +191,8 @@ class Contact:
         self.begins_in_pause = False
         self.was_only_a_step = False  #: Whether nothing but the offset of a channel has changed.
         #: Channels that were clipped, or had no reading, in some samples, shape (electrodes,).
+        #: Whether fewer channels than unknown quantities were neither clipped nor missing at once.
+        self.is_peak_clipped = False
         self.was_clipped = np.zeros(len(residual), dtype=bool)
         self.was_missing = ~is_settled
 
@@ -228,6 +230,9 @@ class Contact:
             drift_pC.append(charge_error * error_V)
         if any(is_clipped):
             self.was_clipped |= is_clipped
+            is_measured = ~np.isnan(above_line) & ~np.array(is_clipped)
+            needed_count = len(self.locator.problem.unknown)
+            self.is_peak_clipped |= int(is_measured.sum()) < needed_count
         if math.isnan(sum(above_line)):
             self.was_missing |= np.isnan(above_line)
         self._mark_clipped(sample.clipped_before)
@@ -278,7 +283,7 @@ class Contact:
         """Return a channel that seems clipped though the touch is almost over, or None.
 
         The charges of the other channels have fallen below `TrackOptions.max_clipped_fraction` of
-        the largest. It is looked for rarely.
+        the largest. They are compared at every eighth sample only, see `STEP_CHECK_SAMPLES`.
         """
         last = self.record.last
         largest = self.record.largest
@@ -319,6 +324,8 @@ class Contact:
     @property
     def is_hidden_by_clipping(self) -> bool:
         """Whether clipping leaves too few measured channels at the peak to locate the touch."""
+        if self.is_peak_clipped:
+            return True
         return bool(self.was_clipped.any()) and self.locator.is_peak_undetermined
 
     @property

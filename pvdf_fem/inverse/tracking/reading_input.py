@@ -11,7 +11,7 @@ import numpy as np
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.scene.scene_file import suggest
 
-#: Larger times in s are no times.
+#: Times in s beyond this magnitude count as missing: it is 30 million years.
 MAX_TIME_S = 1e15
 
 
@@ -73,7 +73,7 @@ class ReadingInput:
         Raises
         ------
         ValueError
-            If a name is unknown, or the readings are no sequence.
+            If a name is unknown, or the readings are not a sequence.
         """
         names = self._names
         if isinstance(readings, Mapping):
@@ -86,7 +86,7 @@ class ReadingInput:
             return np.asarray(readings.astype(float).filled(math.nan)).tolist()
         if not hasattr(readings, "__len__"):
             advice = f"give one for each of {', '.join(names)}"
-            raise ValueError(f"readings = {readings!r:.40}: is no sequence; {advice}")
+            raise ValueError(f"readings = {readings!r:.40}: is not a sequence; {advice}")
         return readings
 
     @staticmethod

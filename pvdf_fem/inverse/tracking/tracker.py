@@ -135,6 +135,7 @@ class Tracker:
             None if hum.is_learned else hum,
             duration_s=self._settling_s,
             min_noise_V=self._options.min_noise_V,
+            max_noise_V=self._problem.max_noise_pC / self._circuit.capacitance,
             expects_residual=expects_residual,
         )
 

@@ -66,7 +66,7 @@ class SampleBuffer:
     """
 
     def __init__(self, electrode_count: int) -> None:
-        # What is averaged with equal weights is in one array: walk variance, drift and voltages.
+        # Walk variance, drift and voltages, which are averaged with equal weights, in one array.
         self._averaged = np.zeros((CAPACITY, 3, electrode_count))
         self._rows = BufferedSamples(
             np.zeros(CAPACITY),

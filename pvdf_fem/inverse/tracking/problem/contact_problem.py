@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,9 @@ from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
 #: A touch near an earlier one is believed without a search elsewhere if the probability of a larger
 #: chi-square exceeds this number.
 MIN_NEAR_PROBABILITY = 0.05
+
+#: Largest noise as a fraction of the charges of the lightest touch.
+MAX_NOISE_FRACTION = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,14 +182,32 @@ class ContactProblem(LocationProblem):
             variance += skew_variance * np.square(sample.direction)
         return variance
 
+    @cached_property
+    def lightest_changes_pC(self) -> Array:
+        """Changes of the charges by the lightest touch of the response, at the centre.
+
+        Returns
+        -------
+        ndarray, shape (electrodes,)
+        """
+        centre = np.zeros((1, len(TOUCH_QUANTITIES)))
+        centre[:, TouchColumn.FORCE] = self.response.domain.log_force[0]
+        return np.asarray(self.linearise(centre)[0, :, 0])
+
+    @property
+    def max_noise_pC(self) -> Array:
+        """Noise of the charges in pC above which the lightest touch is not noticed.
+
+        Returns
+        -------
+        ndarray, shape (electrodes,)
+        """
+        return MAX_NOISE_FRACTION * np.abs(self.lightest_changes_pC)
+
     @property
     def touch_sign(self) -> float:
-        """Sign of the sum of the charges that a touch at the centre gives."""
-        lowest, highest = self.response.domain.log_force
-        centre = np.zeros((1, len(TOUCH_QUANTITIES)))
-        centre[:, TouchColumn.FORCE] = (lowest + highest) / 2.0
-        changes_pC = self.linearise(centre)[0, :, 0]
-        return math.copysign(1.0, float(changes_pC.sum()))
+        """Sign of the sum of the charges that a touch gives."""
+        return math.copysign(1.0, float(self.lightest_changes_pC.sum()))
 
     @property
     def log_force_range(self) -> tuple[float, float]:

@@ -23,6 +23,7 @@ class SettledBaseline:
     residual: Array  #: Voltages in V that earlier touches have left at this time.
     noise_V: Array  #: Standard deviations of a voltage about the lines.
     count: Array  #: Number of voltages on each line; 0 for a channel without a signal.
+    is_coloured: bool = False  #: Whether the noise is not white, so that it stays as it is here.
 
 
 class Baseline:
@@ -105,6 +106,8 @@ class Baseline:
                 noise_V=float(settled.noise_V[number]),
                 count=int(settled.count[number]),
             )
+            if settled.is_coloured:
+                channel.set_min_noise(float(settled.noise_V[number]))
             residual = float(settled.residual[number])
             if residual and channel.line_count:  # else the channel had no reading
                 channel.replace_residual(settled.time_s, residual, count=channel.line_count)

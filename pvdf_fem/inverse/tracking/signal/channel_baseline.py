@@ -191,6 +191,11 @@ class ChannelBaseline:
             self.noise_count = count
             self._set_noise_variance(noise_V**2)
 
+    def set_min_noise(self, noise_V: float) -> None:
+        """Set the lower bound of the standard deviation of a voltage."""
+        self._min_noise_V = noise_V
+        self.noise_V = max(self.noise_V, noise_V)
+
     def forget_line(self) -> None:
         """Forget the line, so that it is learned again from the next samples; keep the noise.
 

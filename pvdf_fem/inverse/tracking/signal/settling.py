@@ -36,6 +36,11 @@ SPIKE_MULTIPLE = 3.0
 #: Deviations from the first samples that begin a touch, in noise deviations. Noise exceeds them in one
 #: of 500 million voltages.
 ONSET_DEVIATIONS = 6.0
+#: Residuals are stationary noise if their sizes in so many attempts differ by less than a factor,
+#: and their peak by less than another from the last size.
+STATIONARY_ATTEMPTS = 3
+MAX_SIZE_RATIO = 2.5
+MAX_CREST = 5.0
 #: A residual voltage is distinguished from the level if it decays by this number of time constants
 #: at least during the samples.
 MIN_TIME_CONSTANTS = 0.05
@@ -63,6 +68,8 @@ class Settling:
         Time without a touch from which the baseline is learned.
     min_noise_V : float
         Lower bound of the standard deviation of a voltage.
+    max_noise_V : ndarray, shape (electrodes,)
+        Largest standard deviation of coloured noise, above which it may be touches.
     expects_residual : bool
         Whether a touch before may have left voltages that still decay.
 
@@ -79,6 +86,7 @@ class Settling:
         *,
         duration_s: float,
         min_noise_V: float,
+        max_noise_V: Array,
         expects_residual: bool = False,
     ) -> None:
         self._hum = hum
@@ -86,6 +94,8 @@ class Settling:
         self._min_noise_V = np.maximum(circuit.noise, min_noise_V)
         self._decay_rate = circuit.conductance / circuit.capacitance
         self._expects_residual = expects_residual
+        self._max_noise_V = max_noise_V
+        self._sizes: list[Array] = []  # Sizes of the residuals in the last unsteady attempts.
         self.samples: list[FilteredSample] = []
         self._next_attempt_s = math.nan
         self.touched_from_s = math.nan
@@ -130,12 +140,18 @@ class Settling:
         count = len(samples) - len(samples) // PART_COUNT
         fitted = self._fit(times_s[:count], voltages[:count])
         residuals = np.where(has_signal, fitted.errors_V, np.nan)
+        baseline = fitted.baseline
         if not _is_steady(residuals, noise_V):
-            self._drop_older_half(times_s, voltages, noise_V)
-            return None
+            coloured = self._resolve_coloured_noise(residuals)
+            if coloured is None:
+                self._drop_older_half(times_s, voltages, noise_V)
+                return None
+            self.touched_from_s = math.nan
+            noise_V = np.maximum(coloured, baseline.noise_V)
+            baseline = replace(baseline, noise_V=noise_V, is_coloured=True)
         if not math.isnan(self.touched_from_s):
             self.touched_to_s = float(times_s[0])
-        line_count = np.where(has_signal, fitted.baseline.count, 0)
+        line_count = np.where(has_signal, baseline.count, 0)
         pending = []
         for sample, cleaned in zip(samples[count:], voltages[count:].tolist(), strict=True):
             # This takes a fifth of the time of `_replace`; at 20 kHz there are 1000 samples.
@@ -149,7 +165,7 @@ class Settling:
                 )
             )
         return SettledSamples(
-            replace(fitted.baseline, count=line_count),
+            replace(baseline, count=line_count),
             count,
             spike_counts=is_spike.sum(axis=0).tolist(),
             pending=pending,
@@ -217,6 +233,35 @@ class Settling:
             float(times_s[-1]), level, slope, residual=residual, noise_V=noise_V, count=count
         )
         return FittedBaseline(baseline, errors_V)
+
+    def _resolve_coloured_noise(self, residuals: Array) -> Array | None:
+        """Return the noise if the residuals are stationary noise that is not white, else None.
+
+        The noise of filtered amplifiers, vibrations and 1/f noise move the means of parts more than
+        white noise does. It is recognised by its size, which is the same in several attempts and
+        small compared with the lightest touch.
+
+        Parameters
+        ----------
+        residuals : ndarray, shape (n, electrodes)
+            Voltages above the lines in V; NaN where they are missing.
+
+        Returns
+        -------
+        ndarray, shape (electrodes,)
+            Standard deviations in V of the white noise whose means over parts deviate as much.
+        """
+        size = np.sqrt(np.nanmean(np.square(np.nan_to_num(residuals)), axis=0))
+        self._sizes = [*self._sizes, size][-STATIONARY_ATTEMPTS:]
+        if len(self._sizes) < STATIONARY_ATTEMPTS:
+            return None
+        smallest = np.min(self._sizes, axis=0)
+        largest = np.max(self._sizes, axis=0)
+        peak = np.abs(np.nan_to_num(residuals)).max(axis=0)
+        is_stationary = (largest <= MAX_SIZE_RATIO * smallest) & (peak <= MAX_CREST * size)
+        equivalent_V = np.maximum(_compute_equivalent_noise(residuals), size)
+        is_small = equivalent_V < self._max_noise_V
+        return equivalent_V if (is_stationary & is_small).all() else None
 
     def _drop_older_half(self, times_s: Array, voltages: Array, noise_V: Array) -> None:
         """Note that the film is touched, and go on with the newer half of the samples.
@@ -340,6 +385,28 @@ def _is_steady(residuals: Array, noise_V: Array) -> bool:
         largest = max(largest, float(np.abs(total / divisor).max()))
     limit = chdtri(max(degrees_of_freedom, 1), UNSTEADY_PROBABILITY)
     return statistic < limit or largest < MIN_UNSTEADY_DEVIATION
+
+
+def _compute_equivalent_noise(residuals: Array) -> Array:
+    """Compute the white noise whose means over parts deviate as much as those of residuals.
+
+    Parameters
+    ----------
+    residuals : ndarray, shape (n, electrodes)
+        Voltages above the lines in V; NaN where they are missing.
+
+    Returns
+    -------
+    ndarray, shape (electrodes,)
+        Standard deviations in V.
+    """
+    squares = []
+    for part in np.array_split(residuals, PART_COUNT):
+        count = np.maximum((~np.isnan(part)).sum(axis=0), 1)
+        total = np.nansum(part, axis=0)
+        squares.append(np.square(total) / count)
+    # A line takes two degrees of freedom from the means of the parts.
+    return np.sqrt(np.sum(squares, axis=0) / (PART_COUNT - 2))
 
 
 def _find_onset(times_s: Array, voltages: Array, noise_V: Array) -> float:

@@ -15,7 +15,7 @@ SPIKE_DEVIATIONS = 10.0
 SPIKE_MULTIPLE = 6.0
 #: In a flank, a spike deviates by a larger multiple of the difference of the voltages around it.
 FLANK_MULTIPLE = 3.0
-#: Fewest samples of a short touch, in which all channels deviate to one side.
+#: Smallest number of samples of a short touch, in which all channels deviate to one side.
 MIN_TOUCH_SAMPLES = 2
 RECENT_DECAY = 0.8  #: Factor per sample by which recent differences are forgotten.
 #: Longest spike: this time in s, but at least `MIN_SPIKE_SAMPLES`.

@@ -77,6 +77,23 @@ def test_level_slope_and_noise_are_found_within_their_errors(level_V, slope_V_s,
     assert not baseline.residual.any()
 
 
+def test_the_noise_of_few_samples_is_unbiased():
+    """A line through 19 samples takes two degrees of freedom, which is 11 % of the variance."""
+    noise = make_noise(22, channel_count=400)
+    settled, count = settle(make_settling(channel_count=400), noise, rate_Hz=50.0)
+    assert count == 21
+    assert np.square(settled.baseline.noise_V).mean() == pytest.approx(NOISE_V**2, rel=0.06)
+
+
+@pytest.mark.parametrize(("deviations", "fraction"), [(8.0, 0.1), (12.0, 0.9)])
+def test_spikes_are_found_by_the_noise_of_the_samples(deviations, fraction):
+    """The limit is ten deviations: of 400 channels, hardly any or almost all find their spike."""
+    noise = make_noise(401, channel_count=400)
+    noise[200] += deviations * NOISE_V
+    settled, _ = settle(make_settling(channel_count=400), noise)
+    assert np.mean(settled.spike_counts) == pytest.approx(fraction, abs=0.1)
+
+
 @pytest.mark.parametrize("time_constant_s", [0.1, 0.5])
 def test_a_residual_that_decays_is_told_from_the_level(time_constant_s):
     """Within the stated errors of least squares, over 200 channels."""
