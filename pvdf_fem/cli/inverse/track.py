@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import math
 import re
 import sys
@@ -170,6 +171,10 @@ def run(options: argparse.Namespace) -> int:
             )
         numbers = NumberColumns(table, [times, *columns.values()])
         session = _Session(tracker, numbers, list(columns), options, stack, unit=unit)
+        # Each full garbage collection would stop the stream for tens of milliseconds to visit what
+        # exists already.
+        gc.freeze()
+        stack.callback(gc.unfreeze)
         for batch in table.batches:
             session.process(batch)
     return session.finish()

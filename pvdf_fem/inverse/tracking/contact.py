@@ -8,34 +8,43 @@ from dataclasses import replace
 
 import numpy as np
 
-from pvdf_fem.arrays import Mask
+from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.inverse.tracking.charges.charge_record import ChargeRecord
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
-from pvdf_fem.inverse.tracking.problem.contact_problem import CandidateTouches, ContactProblem
+from pvdf_fem.inverse.tracking.problem.contact_problem import (
+    CandidateTouches,
+    ContactProblem,
+    FoundTouches,
+)
 from pvdf_fem.inverse.tracking.problem.force_curve import ForceCurve
-from pvdf_fem.inverse.tracking.signal.baseline import BaselineSnapshot
+from pvdf_fem.inverse.tracking.signal.channel_baseline import ChannelSnapshot
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 #: Number of samples after which the errors of an explained contact are checked again.
 LOST_CHECK_SAMPLES = 32
-#: The noise of a contact is larger than that of the baseline if the reduced chi-square of its samples
-#: exceeds this number, with so many degrees of freedom. One sample adds at most `MAX_CHI_SQUARE`.
+#: The noise of a contact is larger than that of the baseline if the reduced chi-square of all its
+#: samples exceeds this number, with at least so many degrees of freedom. Chance alone exceeds it in
+#: 7 of a million contacts. One sample adds at most `MAX_CHI_SQUARE`.
 MIN_NOISE_RATIO = 2.0
 MIN_DEGREES_OF_FREEDOM = 60
 MAX_CHI_SQUARE = 1e4
+#: Fraction of the smallest force of the response below which a touch is located again only after
+#: `TrackOptions.relocation_growth`. A force that grows with the square of the time doubles in it.
+FAR_TOO_LIGHT = 0.5
 #: Number of samples after which steps of single channels are looked for again.
 STEP_CHECK_SAMPLES = 8
 
 
 class ContactLocator:
-    """Estimates the position and the force of a contact while its charges change.
+    """Estimator of the position and the force of a contact while its charges change.
 
     The position is located from the peak of the charges, first as soon as there are enough samples
     and their charges are significant. If that fails, it is tried again when there are a few more.
     Afterwards the position is located again each time the number of samples has grown by the
-    fraction `TrackOptions.relocation_growth`. At every sample the force at this position is fitted.
+    fraction `TrackOptions.relocation_growth`, near the touches that were found before if these
+    still explain the charges. At every sample the force at this position is fitted.
 
     Parameters
     ----------
@@ -56,6 +65,7 @@ class ContactLocator:
         self._chi_square_sum = 0.0  # Of all samples since the first location.
         self._freedom_sum = 0  # Their degrees of freedom.
         self._curve: ForceCurve | None = None
+        self._near: Array | None = None  # Coordinates that were found last, shape (n, 4).
         self._next_attempt = float(self.options.min_location_samples)
 
     def update(self, record: ChargeRecord, sample: ChargeSample, step_s: float) -> None:
@@ -88,13 +98,23 @@ class ContactLocator:
         if peak.significance <= self.options.min_significance:
             return
         self._next_attempt = (1.0 + self.options.relocation_growth) * len(record)
-        candidates = self.problem.locate(peak)
+        found = self.problem.search(peak, self._near)
+        candidates = None
+        if found is not None:
+            self._near = found.coordinates
+            candidates = self.problem.select_candidates(found, peak)
         if candidates is not None:
             self.candidates = candidates
             self.coordinates = candidates.likeliest.copy()
             self._curve = ForceCurve(self.problem, candidates.likeliest)
-        elif self.candidates is None:
+        elif self.candidates is None and not self._is_far_too_light(found):
             self._next_attempt = (1.0 + self.options.retry_growth) * len(record)
+
+    def _is_far_too_light(self, found: FoundTouches | None) -> bool:
+        """Whether the force will be too light until the number of samples has grown further."""
+        if found is None:
+            return False
+        return found.touches[0].force_N < FAR_TOO_LIGHT * self.problem.response.domain.force_N[0]
 
     def _compute_peak(self, record: ChargeRecord) -> ChargeSample:
         """Compute the charges at the peak of a record, with the noise that its samples have.
@@ -137,8 +157,8 @@ class Contact:
         Template of the least-squares problems, and the options.
     circuit : ReadoutCircuit
         Capacitances and resistances of the channels.
-    baseline : BaselineSnapshot
-        Baseline at the onset.
+    baseline : sequence of ChannelSnapshot
+        Baseline of each channel at the onset.
     is_settled : ndarray of bool, shape (electrodes,)
         Channels that have a baseline; the others count as missing.
     onset_s : float
@@ -152,23 +172,27 @@ class Contact:
         problem: ContactProblem,
         circuit: ReadoutCircuit,
         *,
-        baseline: BaselineSnapshot,
+        baseline: Sequence[ChannelSnapshot],
         is_settled: Mask,
         onset_s: float,
         detected_at_s: float,
     ) -> None:
         self.options = problem.options
         self.detected_at_s = detected_at_s
-        self.circuit = circuit
         self.baseline = baseline
         self.is_settled = is_settled
-        residual = baseline.predict_residual(onset_s)
+        self._capacitances = circuit.capacitance.tolist()
+        self._conductances = circuit.conductance.tolist()
+        self._noise_V = [channel.noise_V for channel in baseline]
+        residual = [channel.predict_residual(onset_s) for channel in baseline]
         self.record = ChargeRecord(circuit, onset_s, residual, problem.options)
         self.locator = ContactLocator(problem)
         #: Whether the contact was already there when the readings came back after a pause.
         self.begins_in_pause = False
         self.was_only_a_step = False  #: Whether nothing but the offset of a channel has changed.
         #: Channels that were clipped, or had no reading, in some samples, shape (electrodes,).
+        #: Whether fewer channels than unknown quantities were neither clipped nor missing at once.
+        self.is_peak_clipped = False
         self.was_clipped = np.zeros(len(residual), dtype=bool)
         self.was_missing = ~is_settled
 
@@ -188,22 +212,33 @@ class Contact:
         (C + t/R) e.
         """
         record = self.record
-        baseline = self.baseline
-        circuit = self.circuit
         time_s = sample.time_s
-        voltages = np.array(sample.voltages)
         elapsed_s = time_s - record.onset_s
-        error_V = baseline.noise_V * baseline.compute_relative_errors(time_s, interval_s)
-        error_V = np.where(self.is_settled, error_V, 0.0)
-        drift_pC = (circuit.capacitance + circuit.conductance * elapsed_s) * error_V
-        above_line = np.where(self.is_settled, voltages - baseline.predict_line(time_s), np.nan)
-        is_clipped = np.array(sample.is_clipped) & self.is_settled
-        self.was_clipped |= is_clipped
-        self.was_missing |= np.isnan(above_line)
+        above_line = []
+        is_clipped = []
+        drift_pC = []
+        for number, channel in enumerate(self.baseline):
+            if not self.is_settled[number]:
+                above_line.append(math.nan)
+                is_clipped.append(False)
+                drift_pC.append(0.0)
+                continue
+            above_line.append(sample.voltages[number] - channel.predict_line(time_s))
+            is_clipped.append(sample.is_clipped[number])
+            error_V = channel.compute_error(time_s, interval_s)
+            charge_error = self._capacitances[number] + self._conductances[number] * elapsed_s
+            drift_pC.append(charge_error * error_V)
+        if any(is_clipped):
+            self.was_clipped |= is_clipped
+            is_measured = ~np.isnan(above_line) & ~np.array(is_clipped)
+            needed_count = len(self.locator.problem.unknown)
+            self.is_peak_clipped |= int(is_measured.sum()) < needed_count
+        if math.isnan(sum(above_line)):
+            self.was_missing |= np.isnan(above_line)
         self._mark_clipped(sample.clipped_before)
         step_s = time_s - record.end_s
         charges = record.add(
-            time_s, above_line, is_clipped, noise_V=baseline.noise_V, drift_pC=drift_pC
+            time_s, above_line, is_clipped, noise_V=self._noise_V, drift_pC=drift_pC
         )
         self.locator.update(record, charges, step_s)
 
@@ -227,7 +262,10 @@ class Contact:
         self.record.exclude_channel(number)
 
     def find_stepped_channel(self) -> int | None:
-        """Return the channel whose voltage alone has stepped, or None; it is looked for rarely."""
+        """Return the channel whose voltage alone has stepped, or None.
+
+        It is looked for at every eighth sample only, see `STEP_CHECK_SAMPLES`.
+        """
         if len(self.record) % STEP_CHECK_SAMPLES:
             return None
         return self.record.find_stepped_channel()
@@ -245,7 +283,7 @@ class Contact:
         """Return a channel that seems clipped though the touch is almost over, or None.
 
         The charges of the other channels have fallen below `TrackOptions.max_clipped_fraction` of
-        the largest. It is looked for rarely.
+        the largest. They are compared at every eighth sample only, see `STEP_CHECK_SAMPLES`.
         """
         last = self.record.last
         largest = self.record.largest
@@ -285,7 +323,9 @@ class Contact:
 
     @property
     def is_hidden_by_clipping(self) -> bool:
-        """Whether too few channels tell the charges at the peak, because others are clipped."""
+        """Whether clipping leaves too few measured channels at the peak to locate the touch."""
+        if self.is_peak_clipped:
+            return True
         return bool(self.was_clipped.any()) and self.locator.is_peak_undetermined
 
     @property

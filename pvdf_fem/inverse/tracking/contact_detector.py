@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -9,11 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtri, ndtri, stdtrit
 
-from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 
-#: Weight of a new window in the variance of slow drifts.
+#: Weight of a new window in the variance of slow drifts, which is a mean of about four windows.
 DRIFT_WEIGHT = 0.25
 
 
@@ -26,14 +26,15 @@ class ComparedSample(NamedTuple):
 
 
 class ContactDetector:
-    """Tests whether a contact begins in the last samples.
+    """Test for a contact that begins in the last samples.
 
     Parameters
     ----------
     channel_count : int
         Number of channels.
     longest_window : int
-        Number of samples of the longest window, a power of two.
+        Upper bound of the number of samples in a window. The longest window holds the largest power
+        of two that is not above it.
     options : TrackOptions
         Probability of a false alarm.
 
@@ -68,7 +69,7 @@ class ContactDetector:
         # A sample is removed for each that is added. Lists that are shortened from time to time
         # would let Python's garbage collector visit all objects again and again.
         self._samples: deque[ComparedSample] = deque()
-        self._number = 0  # Number of samples since the last time.
+        self._number = 0  # Number of samples that were added since the last clearing.
         # Sums of the deviations of all samples up to each sample, by channel. The first is that
         # before the oldest sample.
         self._sums = deque([[0.0] * self._channel_count])
@@ -82,9 +83,9 @@ class ContactDetector:
         return len(self._samples) > self.longest_window
 
     @property
-    def drift_errors(self) -> Array:
-        """Errors of the baseline by slow drifts, relative to the noise, shape (electrodes,)."""
-        return np.sqrt(self._drift_variances)
+    def drift_errors(self) -> list[float]:
+        """Errors of the baseline by slow drifts, relative to the noise, by channel."""
+        return [math.sqrt(variance) for variance in self._drift_variances]
 
     def add(self, sample: ComparedSample) -> None:
         """Add the newest sample."""
@@ -127,7 +128,15 @@ class ContactDetector:
             self._inverse_variances.append(inverse_variances)
 
     def exceeds_threshold(self) -> bool:
-        """Test whether the deviations in a window that ends now are larger than their noise."""
+        """Test whether the deviations in a window that ends now are larger than their noise.
+
+        Call it once for each sample that is added: it also learns slow drifts.
+
+        Returns
+        -------
+        bool
+            Whether a contact is detected.
+        """
         sums = self._sums
         newest = sums[-1]
         count = len(self._samples)

@@ -1,8 +1,9 @@
-"""Watching the baseline: samples outside of contacts, until the next contact begins."""
+"""Watch of the baseline: the samples between contacts, until the next contact begins."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from pvdf_fem.inverse.tracking.contact_detector import ComparedSample, ContactDetector
 from pvdf_fem.inverse.tracking.options import TrackOptions
@@ -10,7 +11,7 @@ from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 
 #: Touches in a pause have left voltages if the first sample after it deviates from the baseline by
-#: more standard deviations.
+#: more standard deviations. Noise does so after one pause of 16,000.
 MAX_PAUSE_DEVIATIONS = 4.0
 #: Number of samples after which the relative errors of the baseline are computed again, in general
 #: and while they change quickly. A line that is learned again counts from 8 samples on.
@@ -19,7 +20,7 @@ QUICK_UPDATE_SAMPLES = 4
 
 
 class ContactWatch:
-    """Follows the baseline, and tells when a contact begins.
+    """Watch of the baseline between contacts, which notices when a contact begins.
 
     The last samples stay in the `ContactDetector`; they enter the baseline when they are certain
     not to belong to a contact.
@@ -31,9 +32,10 @@ class ContactWatch:
     sample_count : int
         Number of samples that it was learned from.
     options : TrackOptions
-        Length of the detector's windows.
+        Length of the detector's windows, and its probability of a false alarm.
     verification_s : float
-        Time after a pause within which a contact may have been there before its end.
+        Time after a pause with a residual: a contact that is noticed within it may have begun
+        during the pause.
     touch_sign : float
         Sign of the sum of the charges of a touch.
     """
@@ -53,7 +55,7 @@ class ContactWatch:
         self._verification_s = verification_s
         self._touch_sign = touch_sign
         self._number = 0
-        #: Until this time, a contact may have been there before the last pause ended.
+        #: A contact that begins before this time in s may have begun during the last pause.
         self.unverified_until_s = -math.inf
 
     def add(self, sample: FilteredSample, interval_s: float) -> list[FilteredSample]:
@@ -91,7 +93,7 @@ class ContactWatch:
         return []
 
     def restart(self, time_s: float, interval_s: float) -> None:
-        """Watch again after a contact that ended at a given time, without its samples."""
+        """Watch again after a contact that ended at `time_s`, without its samples."""
         self.detector.clear()
         self._update_relative_errors(time_s, interval_s)
 
@@ -130,28 +132,45 @@ class ContactWatch:
             deviation_V = voltage - channel.predict(time_s)
             error = channel.compute_relative_error(time_s, interval_s)
             limit_V = MAX_PAUSE_DEVIATIONS * math.hypot(1.0, error) * channel.noise_V
-            is_changed.append(abs(deviation_V) > limit_V)
-            if is_changed[-1]:
+            has_changed = abs(deviation_V) > limit_V
+            is_changed.append(has_changed)
+            if has_changed:
                 charge_pC += capacitance * deviation_V
         if any(is_changed):
             self.unverified_until_s = time_s + self._verification_s
         is_pressed = self._touch_sign * charge_pC > 0.0
+        if not is_pressed:
+            self._set_residuals(sample, is_changed, interval_s)
+        self._update_relative_errors(time_s, interval_s)
+
+    def _set_residuals(
+        self, sample: FilteredSample, is_changed: Sequence[bool], interval_s: float
+    ) -> None:
+        """Take the residuals of channels from the first sample after a pause.
+
+        Parameters
+        ----------
+        sample : FilteredSample
+            First sample after the pause.
+        is_changed : sequence of bool
+            Whether the voltage of a channel deviates from the baseline.
+        interval_s : float
+            Sampling interval.
+        """
+        time_s = sample.time_s
         for channel, voltage, has_residual in zip(
             self.baseline.channels, sample.voltages, is_changed, strict=True
         ):
-            if is_pressed:
-                break
             channel.age(time_s, interval_s)
             if has_residual:
                 residual_V = voltage - channel.predict_line(time_s)
                 channel.replace_residual(time_s, residual_V, count=1)
-        self._update_relative_errors(time_s, interval_s)
 
     def _is_error_update_due(self) -> bool:
         """Whether the relative errors of the baseline are computed again at this sample."""
         if self._number % QUICK_UPDATE_SAMPLES:
             return False
-        return self._number % ERROR_UPDATE_SAMPLES == 0 or self.baseline.has_new_residual()
+        return self._number % ERROR_UPDATE_SAMPLES == 0 or self.baseline.has_changing_error()
 
     def _update_relative_errors(self, time_s: float, interval_s: float) -> None:
         """Update the errors of the baseline relative to the noise."""

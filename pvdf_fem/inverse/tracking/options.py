@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class TrackOptions:
-    """Thresholds of the tracker."""
+    """Thresholds and durations of the tracker."""
 
     #: Memory of the baseline filter. A drift that is faster is detected as a contact.
     memory_s: float = 1.0
-    min_memory_samples: int = 100  #: The same for slow sampling.
-    #: Longest window of the contact detector, as a fraction of the samples of the baseline.
+    min_memory_samples: int = 100  #: Lower bound of this memory in samples, for slow sampling.
+    #: Longest window of the contact detector, as a fraction of the number of samples from which the
+    #: baseline was learned.
     window_fraction: float = 0.25
     #: Bound on the probability of a false alarm per sample, divided equally among the windows.
     false_alarm_probability: float = 1e-7
@@ -24,11 +25,12 @@ class TrackOptions:
     min_significance: float = 15.0
     #: Relative growth of the number of samples after which a contact is located again.
     relocation_growth: float = 0.5
-    #: The same while all locations have failed.
+    #: The same relative growth while all locations have failed.
     retry_growth: float = 0.1
     #: Fraction of the sampling error that is not along the direction of the charges.
     sampling_skew: float = 0.2
-    #: Distances, in log F, by which the response is extrapolated to smaller and larger forces.
+    #: Distances, in the logarithm of the force, by which the response is extrapolated to smaller and
+    #: to larger forces.
     log_margin_below: float = 7.0
     log_margin_above: float = 2.0
 

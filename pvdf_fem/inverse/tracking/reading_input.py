@@ -11,12 +11,12 @@ import numpy as np
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.scene.scene_file import suggest
 
-#: Larger times in s are no times.
+#: Times in s beyond this magnitude count as missing: it is 30 million years.
 MAX_TIME_S = 1e15
 
 
 class ReadingInput:
-    """Converts readings to voltages before gain and offset.
+    """Converter of readings to the voltages before gain and offset.
 
     Parameters
     ----------
@@ -51,25 +51,43 @@ class ReadingInput:
         ValueError
             If a name is unknown, the number of readings is wrong, or one is not a number.
         """
-        names = self._names
-        if isinstance(readings, Mapping):
-            unknown = readings.keys() - {*names}
-            if unknown:
-                name = min(unknown)
-                raise ValueError(f"readings.{name}: no such channel; {suggest(name, names)}")
-            readings = [readings.get(name, math.nan) for name in names]
-        elif isinstance(readings, np.ma.MaskedArray):
-            readings = readings.astype(float).filled(math.nan)
-        advice = f"give one for each of {', '.join(names)}"
-        if not hasattr(readings, "__len__"):
-            raise ValueError(f"readings = {readings!r:.40}: is no sequence; {advice}")
-        if len(readings) != len(names):
+        if not isinstance(readings, list):
+            readings = self._list_readings(readings)
+        if len(readings) != len(self._names):
+            advice = f"give one for each of {', '.join(self._names)}"
             raise ValueError(f"readings: {len(readings)} values; {advice}")
         voltages = []
         for reading, scale, shift in zip(readings, self._scale, self._shift, strict=True):
             value = reading if type(reading) is float else _coerce_reading(reading)
             voltages.append(value * scale + shift)
         return voltages
+
+    def _list_readings(self, readings: Mapping[str, float] | Sequence[float]) -> Sequence[float]:
+        """Return readings in the order of the channels, NaN where they are missing.
+
+        Parameters
+        ----------
+        readings : mapping of str to float, or sequence of float
+            See `compute_voltages`.
+
+        Raises
+        ------
+        ValueError
+            If a name is unknown, or the readings are not a sequence.
+        """
+        names = self._names
+        if isinstance(readings, Mapping):
+            unknown = readings.keys() - {*names}
+            if unknown:
+                name = min(unknown)
+                raise ValueError(f"readings.{name}: no such channel; {suggest(name, names)}")
+            return [readings.get(name, math.nan) for name in names]
+        if isinstance(readings, np.ma.MaskedArray):
+            return np.asarray(readings.astype(float).filled(math.nan)).tolist()
+        if not hasattr(readings, "__len__"):
+            advice = f"give one for each of {', '.join(names)}"
+            raise ValueError(f"readings = {readings!r:.40}: is not a sequence; {advice}")
+        return readings
 
     @staticmethod
     def coerce_time(t: Any) -> float:

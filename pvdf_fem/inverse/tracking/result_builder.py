@@ -16,7 +16,7 @@ from pvdf_fem.surrogate.touch_domain import TouchColumn
 
 
 class ResultBuilder:
-    """Makes the rows and summaries of touches, in the frame of the stage.
+    """Builder of the rows and summaries of touches, in the frame of the stage.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class ResultBuilder:
 
     def _make_touch_row(
         self,
-        t: float,
+        time_s: float,
         candidates: CandidateTouches,
         *,
         number: int,
@@ -147,8 +147,8 @@ class ResultBuilder:
 
         Parameters
         ----------
-        t : float
-            Time of the sample in s.
+        time_s : float
+            Time of the sample.
         candidates : CandidateTouches
             Candidates of the last location, with the standard deviations of the coordinates.
         number : int
@@ -177,7 +177,7 @@ class ResultBuilder:
         if coordinates[TouchColumn.FORCE] >= problem.log_force_range[1]:
             force_N = math.nan
         return TrackRow(
-            t,
+            time_s,
             status,
             touch=number,
             x_mm=x_mm,

@@ -1,4 +1,4 @@
-"""What the tracker has to say about a whole stream."""
+"""Notes of the tracker about a whole stream."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class StreamNotes:
         self._sentences.append(sentence)
 
     def add_touch_while_settling(self, begin_s: float, end_s: float, settling_s: float) -> None:
-        """Say that the film was touched while the baseline was learned.
+        """Note that the film was touched while the baseline was learned.
 
         Parameters
         ----------
@@ -67,7 +67,7 @@ class StreamNotes:
             )
 
     def add_unsettled(self, touched_from_s: float, settling_s: float) -> None:
-        """Say that the baseline was not learned by the end of the stream.
+        """Note that the baseline was not learned by the end of the stream.
 
         Parameters
         ----------

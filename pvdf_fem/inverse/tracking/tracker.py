@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 from pvdf_fem.electrodes.channel import get_reading_unit, make_channels
 from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE
@@ -41,6 +40,8 @@ from pvdf_fem.surrogate.charge_function import ChargeFunction
 #: Largest number of samples that one call of `Tracker.update` processes; others wait for the next.
 #: When the baseline is learned, or a contact begins slowly, a tenth of a second of samples is due.
 MAX_SAMPLES_AT_ONCE = 100
+#: Row without a contact, whose copies are the rows of all such samples.
+QUIET_ROW = TrackRow(math.nan, TrackStatus.QUIET)
 
 
 class Tracker:
@@ -64,6 +65,8 @@ class Tracker:
 
     Attributes
     ----------
+    response : Response
+        The response.
     touches : list of TouchSummary
         Summaries of the touches that have ended.
 
@@ -132,6 +135,7 @@ class Tracker:
             None if hum.is_learned else hum,
             duration_s=self._settling_s,
             min_noise_V=self._options.min_noise_V,
+            max_noise_V=self._problem.max_noise_pC / self._circuit.capacitance,
             expects_residual=expects_residual,
         )
 
@@ -175,7 +179,7 @@ class Tracker:
         Raises
         ------
         ValueError
-            If a name is unknown, or the number of readings is wrong.
+            If a name is unknown, the number of readings is wrong, or one is not a number.
         """
         time_s = self._input.coerce_time(t)
         waiting = self._waiting
@@ -186,7 +190,7 @@ class Tracker:
                 break
             self._process(waiting.popleft())
         if is_behind or waiting:
-            self._row = replace(self._row, t_s=time_s)
+            self._row = self._row.copy_with(t_s=time_s)
         return self._row
 
     def finish(self) -> TrackRow:
@@ -257,7 +261,7 @@ class Tracker:
         self._waiting = deque(decided)
 
     def _report_touch_while_settling(self, begin_s: float, end_s: float) -> None:
-        """Append a touch that began while the baseline was learned to `touches`, without position.
+        """Append a touch that began while the baseline was learned, which has no position.
 
         Parameters
         ----------
@@ -308,7 +312,7 @@ class Tracker:
             self._begin_contact(contact_samples, watch)
             return
         missing = self._results.list_missing(sample)
-        self._row = TrackRow(sample.time_s, TrackStatus.QUIET, missing=missing)
+        self._row = QUIET_ROW.copy_with(t_s=sample.time_s, missing=missing)
 
     def _begin_contact(self, samples: Sequence[FilteredSample], watch: ContactWatch) -> None:
         """Begin a contact, and let its first samples be processed next."""
@@ -316,7 +320,7 @@ class Tracker:
         contact = Contact(
             self._problem,
             self._circuit,
-            baseline=self._baseline.take_snapshot(watch.detector.drift_errors),
+            baseline=self._baseline.take_snapshots(watch.detector.drift_errors),
             is_settled=self._baseline.is_settled,
             onset_s=first.time_s - self._signal.interval_s,
             detected_at_s=samples[-1].time_s,

@@ -64,7 +64,7 @@ def test_a_missing_sample_is_bridged_by_one_trapezium():
     voltages[10:14] = np.nan
     charge_pC, integrator = integrate(circuit, t, voltages)
     assert charge_pC == pytest.approx(expected, rel=1e-12)
-    # An interval without a voltage says nothing on charge that sampling misses.
+    # The charge that sampling misses is unknown in an interval without a voltage.
     assert integrator.sampling_variance == 0.0
 
 

@@ -113,3 +113,23 @@ def test_missing_channels_do_not_count_in_the_force():
     for channel in (0, 2, 3):
         sample = sample.without_channel(channel)
     assert np.isnan(ForceCurve(PROBLEM, start).fit(sample, 0.0).log_force)
+
+
+@pytest.mark.parametrize("shift_mm", [0.3, 6.0])
+def test_a_search_near_a_touch_finds_the_same_as_one_everywhere(shift_mm):
+    """A touch that moved a little is found from there; one elsewhere by the search of all."""
+    sample = make_sample(TAP, 2.0)
+    everywhere = PROBLEM.search(sample)
+    start = everywhere.coordinates[:1] + np.array([shift_mm, 0.0, 0.0, 0.1])
+    near = PROBLEM.search(sample, start)
+    np.testing.assert_allclose(near.coordinates[0], everywhere.coordinates[0], atol=2e-3)
+    assert near.touches[0].explained
+
+
+def test_a_search_near_no_touch_looks_everywhere():
+    """Charges that the touch of another place does not explain are located where they come from."""
+    other = replace(TAP, place_mm=(-TAP.place_mm[0], -TAP.place_mm[1]))
+    found = PROBLEM.search(make_sample(other, 2.0))
+    start = PROBLEM.search(make_sample(TAP, 2.0)).coordinates
+    near = PROBLEM.search(make_sample(other, 2.0), start)
+    np.testing.assert_allclose(near.coordinates[0], found.coordinates[0], atol=2e-3)

@@ -18,11 +18,11 @@ COUNT = 400
 OPTIONS = replace(DEFAULTS, window_fraction=0.25)
 
 
-def make_watch(**circuit_options):
+def make_watch(*, touch_sign=1.0, **circuit_options):
     """Make a watch whose baseline was learned from 400 samples until the time 0."""
     circuit = make_circuit(CHANNELS, **circuit_options)
     baseline = make_learned_baseline(circuit, noise_V=NOISE_V, count=COUNT)
-    return ContactWatch(baseline, COUNT, OPTIONS, verification_s=0.2)
+    return ContactWatch(baseline, COUNT, OPTIONS, verification_s=0.2, touch_sign=touch_sign)
 
 
 def run(watch, voltages, *, first=1, pause_at=None):
@@ -88,7 +88,7 @@ def test_a_missing_channel_and_one_without_a_line_have_no_part_in_the_detection(
 @pytest.mark.parametrize("left_V", [0.0, 0.1])
 def test_what_a_pause_leaves_is_a_residual(left_V):
     """The first sample after it gives the residual, which decays; later ones are no contact."""
-    watch = make_watch(time_constant_s=0.5)
+    watch = make_watch(time_constant_s=0.5, touch_sign=-1.0)
     run(watch, make_noise(200))
     first = 1200
     times = INTERVAL_S * np.arange(2000)
@@ -106,8 +106,18 @@ def test_what_a_pause_leaves_is_a_residual(left_V):
     assert abs(channel.predict(end_s) - left_at_end_V) < 4.0 * error * NOISE_V
 
 
-def test_a_contact_after_a_pause_is_found_though_its_residual_is():
+def test_charges_of_a_touch_after_a_pause_are_a_contact():
+    """Something presses already if the sum of the charges has the sign of a touch."""
     watch = make_watch()
+    run(watch, make_noise(200))
+    voltages = make_noise(400, seed=1) + np.array([0.1, -0.05, 0.0])
+    contact = run(watch, voltages, first=1200, pause_at=1200)
+    assert contact[0].time_s == pytest.approx(INTERVAL_S * 1200)
+    assert contact[0].time_s < watch.unverified_until_s
+
+
+def test_a_contact_after_a_pause_is_found_beside_a_residual():
+    watch = make_watch(touch_sign=-1.0)
     run(watch, make_noise(200))
     voltages = make_noise(400, seed=1) + 0.1
     voltages[200:] += 0.05

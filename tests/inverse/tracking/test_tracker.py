@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from pvdf_fem.electrodes.channel import make_channels
 from pvdf_fem.inverse.tracking.tracker import Tracker
@@ -326,6 +327,64 @@ def test_mistakes_in_the_readings_are_named_at_the_end(factor, words):
     assert any(words in note for note in tracker.notes)
 
 
+@pytest.mark.parametrize("corner_Hz", [20.0, 100.0])
+def test_noise_that_is_not_white_does_not_keep_the_tracker_from_settling(corner_Hz):
+    model = make_sensor(**AMPLIFIER)
+    tap = Tap(2.0, 0.3, (3.0, -2.0), 0.8)
+    t, readings = make_stream(model, [tap], 3.0)
+    white = np.random.default_rng(7).standard_normal(readings.shape)
+    decay = np.exp(-2.0 * np.pi * corner_Hz * 1e-3)
+    noise = lfilter([1.0 - decay], [1.0, -decay], white, axis=0)
+    tracker, _ = track(model, t, readings + 1e-3 * noise / noise.std())
+    (touch,) = tracker.touches
+    assert touch.status == "touch"
+    assert np.abs(compute_pulls(touch, tap)).max() < 4.5
+
+
+def test_a_touch_that_clips_all_channels_is_not_located_by_its_release():
+    model = make_sensor(**AMPLIFIER, feedback_resistance_MOhm=1000.0)
+    tap = Tap(0.6, 0.5, (3.0, -2.0), 0.8, power=2)
+    t, readings = make_stream(model, [tap], 1.8, noise_V=5e-4)
+    tracker, _ = track(model, t, np.minimum(readings, 0.15 * readings.max()))
+    touch = tracker.touches[0]
+    assert touch.status == "clipped"
+    assert np.isnan(touch.force_N)
+
+
+def test_something_that_presses_when_a_pause_ends_is_noticed():
+    model = make_sensor(**AMPLIFIER, feedback_resistance_MOhm=1000.0)
+    taps = [Tap(0.9, 1.0, (3.0, -2.0), 0.8), Tap(2.6, 0.2, (-4.0, 1.0), 1.2)]
+    t, readings = make_stream(model, taps, 3.2, noise_V=5e-4)
+    is_sent = (t < 0.8) | (t > 1.3)
+    tracker, _ = track(model, t[is_sent], readings[is_sent])
+    first, second = tracker.touches
+    assert first.status == "lost"
+    assert first.onset_s == pytest.approx(1.3, abs=0.01)
+    assert_touch_is_tap(second, taps[1])
+
+
+def test_a_step_of_one_channel_is_no_touch():
+    model = make_sensor(**AMPLIFIER, feedback_resistance_MOhm=1000.0)
+    tap = Tap(1.6, 0.3, (3.0, -2.0), 0.8)
+    t, readings = make_stream(model, [tap], 2.6, noise_V=5e-4)
+    readings[t > 0.8, 2] += 0.2
+    tracker, _ = track(model, t, readings)
+    (touch,) = tracker.touches
+    assert_touch_is_tap(touch, tap)
+    assert any("offset of C" in note for note in tracker.notes)
+
+
+def test_a_channel_that_is_dead_from_the_start_is_left_out_and_named():
+    model = make_sensor(**AMPLIFIER)
+    t, readings = make_stream(model, [TAP], 1.0, noise_V=5e-4)
+    readings[:, 3] = 0.0
+    tracker, _ = track(model, t, readings)
+    (touch,) = tracker.touches
+    assert_touch_is_tap(touch, TAP)
+    assert touch.missing == "D"
+    assert any("of D" in note for note in tracker.notes)
+
+
 def test_hum_is_subtracted():
     model = make_sensor(**AMPLIFIER)
     tap = Tap(1.0, 0.3, (3.0, -2.0), 0.8)
@@ -371,3 +430,16 @@ def test_a_spike_while_the_baseline_becomes_known_is_no_touch(before_end, length
     assert_touch_is_tap(touch, TAP)
     assert touch.missing == ""
     assert len(tracker.notes) == 1
+
+
+def test_samples_that_wait_at_a_high_rate_are_all_processed():
+    """At 20 kHz, 1000 samples are due when the baseline is learned, and more when a touch begins.
+
+    They are spread over the next updates, whose rows have the times of their own samples.
+    """
+    tap = replace(TAP, begin_s=0.4404)
+    t, readings = make_stream(SENSOR, [tap], 0.8, rate_Hz=20_000.0)
+    tracker, rows = track(SENSOR, t, readings)
+    (touch,) = tracker.touches
+    assert_touch_is_tap(touch, tap)
+    np.testing.assert_array_equal([row.t_s for row in rows], t)

@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
+from collections.abc import Sequence
 
-from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.inverse.tracking.charges.channel_integrator import ChannelIntegrator
+from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
-
-#: Height of the voltage above a limit at which it was clipped, at most, as a fraction of the limit.
-MAX_CLIPPED_HEIGHT = 0.5
-#: Smallest standard deviation of this height in the mean over the time, as a fraction of the limit.
-CLIPPED_HEIGHT_DEVIATION = 0.1
-#: Steps that differ by less than this fraction have the same factors.
-STEP_TOLERANCE = 1e-6
-#: Time over which the slope of a voltage is averaged.
-SLOPE_TIME_S = 5e-3
 
 
 class ChargeIntegrator:
@@ -29,39 +22,39 @@ class ChargeIntegrator:
     end (Euler-Maclaurin formula to first order; the slope at the start is zero). While a voltage
     is missing, its last value is used; the next measured voltage then replaces the gap by one
     trapezium.
+
+    Parameters
+    ----------
+    circuit : ReadoutCircuit
+        Capacitances and resistances of the channels.
+    time_s : float
+        Start time.
+    initial_voltages : sequence of float
+        Voltages in V at the start, left by earlier contacts.
+
+    Attributes
+    ----------
+    time_s : float
+        Time of the last sample.
     """
 
-    def __init__(self, circuit: ReadoutCircuit, time_s: float, initial_voltages: Array) -> None:
-        """Start the integration.
-
-        Parameters
-        ----------
-        circuit : ReadoutCircuit
-            Capacitances and resistances of the channels.
-        time_s : float
-            Start time.
-        initial_voltages : ndarray, shape (electrodes,)
-            Voltages in V at the start, left by earlier contacts.
-        """
-        self.circuit = circuit
+    def __init__(
+        self, circuit: ReadoutCircuit, time_s: float, initial_voltages: Sequence[float]
+    ) -> None:
         self.time_s = time_s
-        #: Variance of the integral in pC² due to the noise of the voltages, shape (electrodes,).
-        self.walk_variance = np.zeros_like(initial_voltages)
-        self._decay_rate = circuit.conductance / circuit.capacitance
-        self._is_complete = True  # Whether all voltages of the last sample were measured.
-        self._has_resistance = bool(circuit.conductance.any())
-        self._initial_voltages = initial_voltages
-        self._voltages = initial_voltages  # The last measured voltage of each channel.
-        self._slopes = np.zeros_like(initial_voltages)  # Slope in V/s at these voltages.
-        self._measured_at_s = np.full_like(initial_voltages, time_s)  # Times of these voltages.
-        self._was_clipped = np.zeros(len(initial_voltages), dtype=bool)
-        self._integral = np.zeros_like(initial_voltages)
-        # Charge in pC that arrived in each of the last three intervals, per second.
-        self._rates = [np.zeros_like(initial_voltages)] * 3
-        self._sampling_variance = 0.0
-        self._factors_step = 0.0  # Step for which the next two were computed.
-        self._noise_square = np.zeros_like(initial_voltages)
-        self._factor = np.zeros_like(initial_voltages)
+        self._channels = []
+        self._capacitances = circuit.capacitance.tolist()
+        conductances = circuit.conductance.tolist()
+        for capacitance, conductance, voltage in zip(
+            self._capacitances, conductances, initial_voltages, strict=True
+        ):
+            channel = ChannelIntegrator(capacitance, conductance, time_s, voltage)
+            self._channels.append(channel)
+
+    @property
+    def walk_variance(self) -> list[float]:
+        """Variance of the integral in pC² due to the noise of the voltages, by electrode."""
+        return [channel.walk_variance for channel in self._channels]
 
     @property
     def sampling_variance(self) -> float:
@@ -70,197 +63,62 @@ class ChargeIntegrator:
         The sampling error is the charge that is missed because it arrives between samples. The
         variance is 0 while its unbiased estimate is negative.
         """
-        return max(self._sampling_variance, 0.0)
+        excess = sum([channel.sampling_excess for channel in self._channels])
+        return max(excess, 0.0)
 
-    def add(self, time_s: float, voltages: Array, is_clipped: Mask, noise_V: Array) -> Array:
+    def add(
+        self,
+        time_s: float,
+        voltages: Sequence[float],
+        is_clipped: Sequence[bool],
+        noise_V: Sequence[float],
+    ) -> list[float]:
         """Add a sample and return the charges generated since the start.
 
         Parameters
         ----------
         time_s : float
             Time of the sample.
-        voltages : ndarray, shape (electrodes,)
+        voltages : sequence of float
             Voltages in V, NaN where they are missing.
-        is_clipped : ndarray of bool, shape (electrodes,)
+        is_clipped : sequence of bool
             Whether a voltage is only a limit of the true one.
-        noise_V : ndarray, shape (electrodes,)
+        noise_V : sequence of float
             Standard deviations of the voltages.
 
         Returns
         -------
-        ndarray, shape (electrodes,)
-            Charges in pC; limits of the true charges where voltages are clipped.
+        list of float
+            Charges in pC by electrode; limits of the true charges where voltages are clipped.
         """
         step = time_s - self.time_s
-        is_measured = ~(np.isnan(voltages) | is_clipped)
-        if is_measured.all() and self._is_complete:
-            charges_pC = self._add_complete_sample(step, voltages, noise_V)
-        else:
-            charges_pC = self._add_incomplete_sample(
-                time_s, voltages, is_measured, is_clipped=is_clipped, noise_V=noise_V
-            )
         self.time_s = time_s
-        self._is_complete = bool(is_measured.all())
+        charges_pC = []
+        for channel, voltage, clipped, noise in zip(
+            self._channels, voltages, is_clipped, noise_V, strict=True
+        ):
+            if math.isnan(voltage):
+                charge_pC = channel.add_missing(time_s, step, noise)
+            elif clipped:
+                charge_pC = channel.add_clipped(time_s, step, voltage, noise)
+            else:
+                charge_pC = channel.add(time_s, step, voltage, noise)
+            charges_pC.append(charge_pC)
         return charges_pC
 
-    def _add_complete_sample(self, step: float, voltages: Array, noise_V: Array) -> Array:
-        """Add a sample in which all voltages are measured, after another such sample.
+    def compute_noise_variance(
+        self, voltages: Sequence[float], is_clipped: Sequence[bool], noise_V: Sequence[float]
+    ) -> list[float]:
+        """Compute the variances in pC² of the charges of a sample due to its own noise.
 
-        Parameters
-        ----------
-        step : float
-            Time since the last sample in s.
-        voltages, noise_V : ndarray, shape (electrodes,)
-            See `add`.
+        See `add` for the parameters. The variance is `ChargeSample.MISSING` where a voltage is
+        missing or clipped.
         """
-        circuit = self.circuit
-        rise = voltages - self._voltages
-        self._slopes += min(step / SLOPE_TIME_S, 1.0) * (rise / step - self._slopes)
-        self._measured_at_s = np.full_like(voltages, self.time_s + step)
-        stored = circuit.capacitance * (voltages - self._initial_voltages)
-        if self._has_resistance:
-            area = step * (self._voltages + rise / 2.0)
-            arrived = circuit.capacitance * rise + circuit.conductance * area
-            self._add_sampling_variance(step, arrived / step, noise_V)
-            self.walk_variance = self.walk_variance + np.square(
-                circuit.conductance * noise_V * step
-            )
-            self._integral = self._integral + area
-            stored += circuit.conductance * (self._integral - step * rise / 12.0)
-        self._voltages = voltages
-        return stored
-
-    def _add_incomplete_sample(
-        self,
-        time_s: float,
-        voltages: Array,
-        is_measured: Mask,
-        *,
-        is_clipped: Mask,
-        noise_V: Array,
-    ) -> Array:
-        """Add a sample with missing or clipped voltages, or the first one after it.
-
-        Parameters
-        ----------
-        time_s : float
-            Time of the sample.
-        voltages, is_clipped, noise_V : ndarray, shape (electrodes,)
-            See `add`.
-        is_measured : ndarray of bool, shape (electrodes,)
-            Whether a voltage is neither missing nor clipped.
-        """
-        circuit = self.circuit
-        step = time_s - self.time_s
-        waited = time_s - self._measured_at_s
-        rise = np.where(is_measured, voltages - self._voltages, 0.0)
-        area = np.where(is_measured, waited * (self._voltages + rise / 2.0), 0.0)
-        noise_area = np.square(noise_V * step)
-        follows_gap = is_measured & (waited > step)
-        if follows_gap.any():
-            excess, gap_area = self._estimate_gap_area(waited, rise)
-            area = area + np.where(follows_gap, excess, 0.0)
-            noise_area = noise_area + np.where(follows_gap, np.square(gap_area), 0.0)
-        self.walk_variance = self.walk_variance + np.square(circuit.conductance) * noise_area
-        self._integral = self._integral + area
-        if self._has_resistance:
-            arrived = circuit.capacitance * rise + circuit.conductance * area
-            is_known = is_measured & ~follows_gap
-            self._add_sampling_variance(step, np.where(is_known, arrived / step, np.nan), noise_V)
-
-        weight = np.where(is_measured, np.minimum(waited / SLOPE_TIME_S, 1.0), 0.0)
-        self._slopes = self._slopes + weight * (rise / waited - self._slopes)
-        self._voltages = self._voltages + rise
-        self._measured_at_s = np.where(is_measured, time_s, self._measured_at_s)
-        self._was_clipped = np.where(is_measured, False, self._was_clipped | is_clipped)
-        present = np.where(is_clipped, voltages, self._voltages)
-        end_correction = np.where(is_measured, -waited * rise / 12.0, waited * present)
-        stored = circuit.capacitance * (present - self._initial_voltages)
-        return np.asarray(stored + circuit.conductance * (self._integral + end_correction))
-
-    def _estimate_gap_area(self, waited: Array, rise: Array) -> tuple[Array, Array]:
-        """Estimate the area between the voltage and the trapezium across a gap in its readings.
-
-        Parameters
-        ----------
-        waited : ndarray, shape (electrodes,)
-            Length of the gap in s.
-        rise : ndarray, shape (electrodes,)
-            Change of the voltage across the gap in V.
-
-        Returns
-        -------
-        excess : ndarray, shape (electrodes,)
-            Expected area above the trapezium in V s; 0 unless the voltage was clipped.
-        deviation : ndarray, shape (electrodes,)
-            Standard deviation of the area.
-
-        Notes
-        -----
-        A parabola that leaves the limit with the slope s and comes back after the time w has the
-        area s w²/6 above the limit. A touch that is held stays lower, so that the height is
-        bounded. The standard deviation is the excess itself, and at least a tenth of the area below
-        the limit; without clipping it is half of the rise, or the area of a cubic that begins with
-        the slope s and ends level, if that is larger.
-        """
-        sign = np.sign(self._voltages)
-        height = np.clip(sign * self._slopes * waited / 6.0, 0.0, None)
-        height = np.minimum(height, MAX_CLIPPED_HEIGHT * np.abs(self._voltages))
-        excess = np.where(self._was_clipped, sign * height * waited, 0.0)
-        half_rise = np.abs(waited * rise / 2.0)
-        curved = np.abs(self._slopes) * np.square(waited) / 12.0
-        curved = np.minimum(curved, MAX_CLIPPED_HEIGHT * np.abs(self._voltages) * waited)
-        unknown = CLIPPED_HEIGHT_DEVIATION * np.abs(self._voltages) * waited
-        clipped_deviation = np.maximum(np.abs(excess), unknown)
-        deviation = np.where(self._was_clipped, clipped_deviation, np.maximum(half_rise, curved))
-        return excess, deviation
-
-    def _add_sampling_variance(self, step: float, rate: Array, noise_V: Array) -> None:
-        """Add the variance of the sampling error of one interval.
-
-        Parameters
-        ----------
-        step : float
-            Length of the interval in s.
-        rate : ndarray, shape (electrodes,)
-            Mean rate at which charge arrived in the interval, in pC/s; NaN where a voltage at its
-            ends is missing.
-        noise_V : ndarray, shape (electrodes,)
-            Standard deviations of the voltages.
-
-        Notes
-        -----
-        Let the interval last x time constants R C. A charge q that arrives at a random time within
-        it is integrated to q on average, with the variance q² ((x/2) coth(x/2) - 1). A steady flow
-        of charge is integrated exactly. Therefore q² is estimated from second differences of the
-        charge per interval, whose sum of squares is 6 q² for a single charge q. The expected
-        contribution of the noise to these squares is subtracted. So the sum is unbiased, but may
-        be negative for a while.
-        """
-        noise_square, factor = self._compute_step_factors(step)
-        _, before_last, last = self._rates
-        self._rates = [before_last, last, rate]
-        second_difference = step * (rate - 2.0 * last + before_last)
-        excess = np.square(second_difference) - noise_square * np.square(noise_V)
-        self._sampling_variance += float(factor @ np.where(np.isnan(excess), 0.0, excess))
-
-    def _compute_step_factors(self, step: float) -> tuple[Array, Array]:
-        """Compute the factors of `_add_sampling_variance`, or return those of an equal step.
-
-        Returns
-        -------
-        noise_square : ndarray, shape (electrodes,)
-            Variance in pC² of a second difference of charges for a noise of 1 V.
-        factor : ndarray, shape (electrodes,)
-            (x/2 coth(x/2) - 1)/6.
-        """
-        if abs(step - self._factors_step) > STEP_TOLERANCE * step:
-            circuit = self.circuit
-            half_x = np.maximum(step * self._decay_rate / 2.0, 1e-6)
-            # A second difference of charges holds third differences of C V, with the squared
-            # binomial coefficients 1 + 9 + 9 + 1 = 20.
-            leaked = np.square(circuit.conductance * step)
-            self._noise_square = leaked + 20.0 * np.square(circuit.capacitance)
-            self._factor = (half_x / np.tanh(half_x) - 1.0) / 6.0
-            self._factors_step = step
-        return self._noise_square, self._factor
+        variances = []
+        for capacitance, noise, voltage, clipped in zip(
+            self._capacitances, noise_V, voltages, is_clipped, strict=True
+        ):
+            is_measured = not (clipped or math.isnan(voltage))
+            variance = (capacitance * noise) ** 2 if is_measured else ChargeSample.MISSING
+            variances.append(variance)
+        return variances

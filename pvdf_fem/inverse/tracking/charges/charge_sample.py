@@ -49,7 +49,8 @@ class ChargeSample:
     @property
     def direction(self) -> Array:
         """Unit vector along the charges; the zero vector if all charges are zero."""
-        return self.charges_pC / max(float(np.linalg.norm(self.charges_pC)), math.ulp(0.0))
+        size_pC = math.hypot(*self.charges_pC.tolist())
+        return self.charges_pC / max(size_pC, math.ulp(0.0))
 
     @property
     def significance(self) -> float:

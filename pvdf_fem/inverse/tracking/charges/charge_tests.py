@@ -13,7 +13,7 @@ from pvdf_fem.inverse.tracking.options import TrackOptions
 
 #: Charges below this number of standard deviations are zero within their errors.
 MAX_ZERO_DEVIATIONS = 3.0
-#: Fewest channels of which one is recognised to have stepped alone.
+#: Smallest number of channels of which one is recognised to have stepped alone.
 MIN_CHANNELS = 3
 
 

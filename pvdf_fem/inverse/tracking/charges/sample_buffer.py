@@ -10,7 +10,8 @@ import numpy as np
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 
-#: Number of samples that are kept; their number is halved when it is reached.
+#: Number of rows, which is halved when it is reached. A contact then keeps at least 256 rows, of
+#: which an end of 1/16 (`TrackOptions.still_fraction`) has 16.
 CAPACITY = 512
 
 
@@ -65,16 +66,17 @@ class SampleBuffer:
     """
 
     def __init__(self, electrode_count: int) -> None:
-        shape = (CAPACITY, electrode_count)
+        # Walk variance, drift and voltages, which are averaged with equal weights, in one array.
+        self._averaged = np.zeros((CAPACITY, 3, electrode_count))
         self._rows = BufferedSamples(
             np.zeros(CAPACITY),
-            np.zeros(shape),
-            noise_variance=np.zeros(shape),
-            walk_variance=np.zeros(shape),
-            drift_pC=np.zeros(shape),
+            np.zeros((CAPACITY, electrode_count)),
+            noise_variance=np.zeros((CAPACITY, electrode_count)),
+            walk_variance=self._averaged[:, 0],
+            drift_pC=self._averaged[:, 1],
             sampling_variance=np.zeros(CAPACITY),
-            is_clipped=np.zeros(shape, dtype=bool),
-            voltages=np.zeros(shape),
+            is_clipped=np.zeros((CAPACITY, electrode_count), dtype=bool),
+            voltages=self._averaged[:, 2],
         )
         self.row_count = 0  #: Number of complete rows.
         self.samples_per_row = 1
@@ -99,7 +101,7 @@ class SampleBuffer:
         """The complete rows."""
         return self._rows.select(slice(self.row_count))
 
-    def add(self, sample: ChargeSample, voltages: Array) -> bool:
+    def add(self, sample: ChargeSample, voltages: Array) -> None:
         """Add a sample.
 
         Parameters
@@ -108,11 +110,6 @@ class SampleBuffer:
             The sample.
         voltages : ndarray, shape (electrodes,)
             Its voltages in V above the line of the baseline.
-
-        Returns
-        -------
-        bool
-            Whether a row is complete with this sample.
         """
         index = self.row_count
         if self._partial_count == 0:
@@ -120,13 +117,11 @@ class SampleBuffer:
         else:
             self._merge_into_row(index, sample, voltages)
         self._partial_count += 1
-        if self._partial_count < self.samples_per_row:
-            return False
-        self._partial_count = 0
-        self.row_count += 1
+        if self._partial_count == self.samples_per_row:
+            self._partial_count = 0
+            self.row_count += 1
         if self.row_count == CAPACITY:
             self._halve()
-        return True
 
     def mark_clipped(self, number: int, count: int) -> None:
         """Mark the charges of an electrode in the rows of the last samples as limits.
@@ -179,15 +174,18 @@ class SampleBuffer:
         change = sample.charges_pC - rows.charges_pC[index]
         rows.charges_pC[index] += new_weight / total_weight * change
         rows.noise_variance[index] = 1.0 / total_weight
-        rows.walk_variance[index] += weight * (sample.walk_variance - rows.walk_variance[index])
-        rows.drift_pC[index] += weight * (sample.drift_pC - rows.drift_pC[index])
         excess = sample.sampling_variance - rows.sampling_variance[index]
         rows.sampling_variance[index] += weight * excess
         rows.is_clipped[index] |= sample.is_clipped
-        earlier = rows.voltages[index]
-        mean = earlier + weight * (voltages - earlier)
-        only = np.where(np.isnan(earlier), voltages, earlier)
-        rows.voltages[index] = np.where(np.isnan(mean), only, mean)
+        earlier = rows.voltages[index].copy()
+        averaged = self._averaged[index]
+        averaged += weight * (
+            np.array([sample.walk_variance, sample.drift_pC, voltages]) - averaged
+        )
+        if math.isnan(averaged[2].sum()):
+            only = np.where(np.isnan(earlier), voltages, earlier)
+            mean = averaged[2]
+            rows.voltages[index] = np.where(np.isnan(mean), only, mean)
 
     def _halve(self) -> None:
         """Replace each pair of rows by its mean."""

@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.inverse.calibration_errors import CalibrationErrors
+from pvdf_fem.inverse.least_squares import SearchResult, run_levenberg_marquardt
 from pvdf_fem.inverse.touch.location import MIN_ALTERNATIVE_WEIGHT
 from pvdf_fem.inverse.touch.location_problem import (
     SEARCH_MARGIN,
@@ -18,12 +21,19 @@ from pvdf_fem.inverse.touch.location_problem import (
 )
 from pvdf_fem.inverse.touch.measurement import compute_unloaded_charges
 from pvdf_fem.inverse.touch.search import DEFAULT_OPTIONS, make_location, search_everywhere
-from pvdf_fem.inverse.touch.touch import Touch
+from pvdf_fem.inverse.touch.touch import SIGNIFICANCE, Touch, compute_p_values
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.surrogate.charge_function import ChargeFunction
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
+
+#: A touch near an earlier one is believed without a search elsewhere if the probability of a larger
+#: chi-square exceeds this number.
+MIN_NEAR_PROBABILITY = 0.05
+
+#: Largest noise as a fraction of the charges of the lightest touch.
+MAX_NOISE_FRACTION = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +65,14 @@ class CandidateTouches:
         return len(self.coordinates)
 
 
+class FoundTouches(NamedTuple):
+    """Touches that fit the charges of a sample best, the likeliest first."""
+
+    problem: ContactProblem  #: The problem with the charges of the sample.
+    touches: list[Touch]
+    coordinates: Array  #: Their coordinates, shape (touches, 4).
+
+
 @dataclass(frozen=True, eq=False)
 class ContactProblem(LocationProblem):
     """Least-squares problem of a contact whose force may be outside the range of the response.
@@ -62,7 +80,7 @@ class ContactProblem(LocationProblem):
     The coordinates are x and y relative to the film's centre in mm, the rotation in degrees and the
     logarithm of the force in N.
     Outside its range of forces, the response is extrapolated: the changes of the charges follow the
-    power law of the force that is tangent at the minimum or maximum force (see `linearise`).
+    power law of the force that is tangent at the minimum or maximum force (`compute_residuals`).
     """
 
     #: Charges of the unloaded film in pC, shape (electrodes,).
@@ -155,21 +173,41 @@ class ContactProblem(LocationProblem):
 
         See the notes of `with_sample`.
         """
-        charges_pC = self.unloaded_pC + sample.charges_pC
         # The error of the response is assumed to be uniformly distributed within its bound ±b.
-        response_error = self.response.error_bound / math.sqrt(3.0)
-        sampling_deviation = math.sqrt(sample.sampling_variance)
-        skew = self.options.sampling_skew * sampling_deviation * sample.direction
-        return sample.variance + np.square(response_error * charges_pC) + np.square(skew)
+        response_variance = self.response.error_bound**2 / 3.0
+        variance = sample.variance
+        variance += response_variance * np.square(self.unloaded_pC + sample.charges_pC)
+        if sample.sampling_variance:
+            skew_variance = self.options.sampling_skew**2 * sample.sampling_variance
+            variance += skew_variance * np.square(sample.direction)
+        return variance
+
+    @cached_property
+    def lightest_changes_pC(self) -> Array:
+        """Changes of the charges by the lightest touch of the response, at the centre.
+
+        Returns
+        -------
+        ndarray, shape (electrodes,)
+        """
+        centre = np.zeros((1, len(TOUCH_QUANTITIES)))
+        centre[:, TouchColumn.FORCE] = self.response.domain.log_force[0]
+        return np.asarray(self.linearise(centre)[0, :, 0])
+
+    @property
+    def max_noise_pC(self) -> Array:
+        """Noise of the charges in pC above which the lightest touch is not noticed.
+
+        Returns
+        -------
+        ndarray, shape (electrodes,)
+        """
+        return MAX_NOISE_FRACTION * np.abs(self.lightest_changes_pC)
 
     @property
     def touch_sign(self) -> float:
-        """Sign of the sum of the charges that a touch at the centre gives."""
-        lowest, highest = self.response.domain.log_force
-        centre = np.zeros((1, len(TOUCH_QUANTITIES)))
-        centre[:, TouchColumn.FORCE] = (lowest + highest) / 2.0
-        changes_pC = self.linearise(centre)[0, :, 0]
-        return math.copysign(1.0, float(changes_pC.sum()))
+        """Sign of the sum of the charges that a touch gives."""
+        return math.copysign(1.0, float(self.lightest_changes_pC.sum()))
 
     @property
     def log_force_range(self) -> tuple[float, float]:
@@ -236,17 +274,77 @@ class ContactProblem(LocationProblem):
             None if fewer channels are measured than coordinates are free, if no touch is found, or
             if the force of the likeliest touch is below those of the response.
         """
+        found = self.search(sample)
+        return self.select_candidates(found, sample) if found else None
+
+    def search(self, sample: ChargeSample, near: Array | None = None) -> FoundTouches | None:
+        """Search for the touches that fit the charges of a sample best.
+
+        Parameters
+        ----------
+        sample : ChargeSample
+            Changes of the charges.
+        near : ndarray, shape (n, 4), optional
+            Coordinates from which to search first. All others are searched only if no touch found
+            from these explains the charges well. Default: all are searched.
+
+        Returns
+        -------
+        FoundTouches or None
+            None if fewer channels are measured than coordinates are free, or if no touch is found.
+        """
         problem = self.with_sample(sample, self.unknown)
         if not problem.is_determinable:
             return None
         # The search may overflow for charges that no touch explains.
         with np.errstate(divide="ignore", invalid="ignore"):
-            ends = search_everywhere(problem, self.fixed, DEFAULT_OPTIONS)
+            ends = None if near is None else problem.search_near(near)
+            if ends is None:
+                ends = search_everywhere(problem, self.fixed, DEFAULT_OPTIONS)
             location = make_location(problem, ends)
         touches = [touch for touch in location.touches if touch.weight > MIN_ALTERNATIVE_WEIGHT]
-        if not touches or touches[0].force_N < self.response.domain.force_N[0]:
+        if not touches:
             return None
         coordinates = problem.to_coordinates(np.array([touch.values for touch in touches]))
+        return FoundTouches(problem, touches, coordinates)
+
+    def search_near(self, coordinates: Array) -> SearchResult | None:
+        """Search from some coordinates only; None if no touch found explains the charges well.
+
+        Touches that are too light need only explain them: the response is extrapolated there.
+        """
+        ends = run_levenberg_marquardt(
+            self,
+            coordinates,
+            max_excess=DEFAULT_OPTIONS.max_excess,
+            options=DEFAULT_OPTIONS.search,
+        )
+        freedom = np.maximum(self.degrees_of_freedom, 1)
+        is_light = ends.coordinates[:, TouchColumn.FORCE] < self.response.domain.log_force[0]
+        least = np.where(is_light, SIGNIFICANCE, MIN_NEAR_PROBABILITY)
+        is_explained = compute_p_values(ends.chi_square, freedom) > least
+        return ends if (ends.converged & is_explained).any() else None
+
+    def select_candidates(
+        self, found: FoundTouches, sample: ChargeSample
+    ) -> CandidateTouches | None:
+        """Compute the deviations of touches that were found, unless the likeliest is too light.
+
+        Parameters
+        ----------
+        found : FoundTouches
+            Touches for the charges of the sample.
+        sample : ChargeSample
+            The sample.
+
+        Returns
+        -------
+        CandidateTouches or None
+            None if the force of the likeliest touch is below those of the response.
+        """
+        problem, touches, coordinates = found
+        if touches[0].force_N < self.response.domain.force_N[0]:
+            return None
         return CandidateTouches(
             sample,
             coordinates,
@@ -285,10 +383,12 @@ class ContactProblem(LocationProblem):
         causes.
         """
         sampling_pC = math.sqrt(sample.sampling_variance) * sample.direction[self.electrodes]
-        system = self.linearise(coordinates)
         # The residuals of shifted charges differ by the whitened shift.
-        shifted = replace(self, charges_pC=self.charges_pC - sampling_pC)
-        whitened = shifted.linearise(coordinates)[:, :, :1] - system[:, :, :1]
+        charges_pC = np.vstack([self.charges_pC, self.charges_pC - sampling_pC])
+        both = replace(self.select_rows(np.zeros(2, dtype=int)), charges_pC=charges_pC)
+        rows = np.repeat([0, 1], len(coordinates))
+        system, shifted = np.split(both.linearise(np.tile(coordinates, (2, 1)), rows), 2)
+        whitened = shifted[:, :, :1] - system[:, :, :1]
         shifts = (np.linalg.pinv(system[:, :, 1:]) @ whitened)[..., 0]
         distances = self.compute_differences(coordinates, coordinates[0])
         second_moment = np.square(distances) + np.square(shifts)

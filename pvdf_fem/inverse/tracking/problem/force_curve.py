@@ -42,7 +42,7 @@ class ForceCurve:
     problem : ContactProblem
         Template of the contact problems, see `ContactProblem.from_response`.
     coordinates : ndarray, shape (4,)
-        Position and rotation.
+        Position, rotation and force as in `ContactProblem`; the force is not used.
     """
 
     def __init__(self, problem: ContactProblem, coordinates: Array) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.inverse.tracking.options import TrackOptions
-from pvdf_fem.inverse.tracking.signal.channel_baseline import ChannelBaseline, ChannelState
+from pvdf_fem.inverse.tracking.signal.channel_baseline import ChannelBaseline, ChannelSnapshot
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 
 
@@ -23,53 +23,7 @@ class SettledBaseline:
     residual: Array  #: Voltages in V that earlier touches have left at this time.
     noise_V: Array  #: Standard deviations of a voltage about the lines.
     count: Array  #: Number of voltages on each line; 0 for a channel without a signal.
-
-
-@dataclass(frozen=True, eq=False)
-class BaselineSnapshot:
-    """The baseline at the onset of a contact, in arrays of shape (electrodes,)."""
-
-    time_s: Array  #: Time of the last sample of each line.
-    level: Array  #: Voltage in V on the line at this time.
-    slope: Array  #: In V/s.
-    noise_V: Array  #: Standard deviation of a voltage.
-    line_count: Array  #: Number of samples that the line is as accurate as.
-    residual: Array  #: Residual voltage of the last contact in V.
-    residual_at_s: Array  #: Time of the residual.
-    residual_count: Array  #: Number of samples that the residual is the mean of.
-    decay_rate: Array  #: Rate 1/(R C) in 1/s.
-    drift_error: Array  #: Error by drifts that the line has not followed, relative to the noise.
-
-    def predict_line(self, time_s: float) -> Array:
-        """Predict the voltages in V without the residual of the last contact."""
-        return self.level + self.slope * (time_s - self.time_s)
-
-    def predict_residual(self, time_s: float) -> Array:
-        """Predict the residual voltages of the last contact in V."""
-        return self.residual * self._compute_decay(time_s)
-
-    def compute_relative_errors(self, time_s: float, interval_s: float) -> Array:
-        """Compute the standard errors of the predicted voltages, relative to the noise.
-
-        See `ChannelBaseline.compute_relative_error`; the line is extrapolated from its last sample.
-
-        Parameters
-        ----------
-        time_s : float
-            Time of the prediction.
-        interval_s : float
-            Sampling interval.
-        """
-        extrapolated = (time_s - self.time_s) / interval_s
-        line_error = 2.0 / np.sqrt(self.line_count) * (1.0 + extrapolated / self.line_count)
-        has_residual = self.residual != 0.0
-        residual_error = self._compute_decay(time_s) / np.sqrt(self.residual_count)
-        smooth_error = np.hypot(line_error, self.drift_error)
-        return np.hypot(smooth_error, has_residual * residual_error)
-
-    def _compute_decay(self, time_s: float) -> Array:
-        """Compute the fractions of the residuals that remain at a given time."""
-        return np.exp(-self.decay_rate * np.maximum(time_s - self.residual_at_s, 0.0))
+    is_coloured: bool = False  #: Whether the noise is not white, so that it stays as it is here.
 
 
 class Baseline:
@@ -118,17 +72,18 @@ class Baseline:
         counts = [channel.noise_count for channel in self.channels if channel.is_settled]
         return min(counts, default=0)
 
-    def take_snapshot(self, drift_errors: Array) -> BaselineSnapshot:
-        """Return the present state of all channels, which predicts voltages during a contact.
+    def take_snapshots(self, drift_errors: Sequence[float]) -> list[ChannelSnapshot]:
+        """Return the present state of each channel, which predicts voltages during a contact.
 
         Parameters
         ----------
-        drift_errors : ndarray, shape (electrodes,)
+        drift_errors : sequence of float
             Errors by drifts that the lines have not followed, relative to the noise.
         """
-        states = np.array([channel.state for channel in self.channels])
-        arrays = dict(zip(ChannelState._fields, states.T, strict=True))
-        return BaselineSnapshot(**arrays, drift_error=drift_errors)
+        snapshots = []
+        for channel, drift_error in zip(self.channels, drift_errors, strict=True):
+            snapshots.append(channel.take_snapshot(drift_error))
+        return snapshots
 
     def set_lines(self, settled: SettledBaseline, interval_s: float) -> None:
         """Set the lines and the noise of all channels to those that were learned.
@@ -151,6 +106,8 @@ class Baseline:
                 noise_V=float(settled.noise_V[number]),
                 count=int(settled.count[number]),
             )
+            if settled.is_coloured:
+                channel.set_min_noise(float(settled.noise_V[number]))
             residual = float(settled.residual[number])
             if residual and channel.line_count:  # else the channel had no reading
                 channel.replace_residual(settled.time_s, residual, count=channel.line_count)
@@ -195,6 +152,6 @@ class Baseline:
             if voltage == voltage:  # not NaN
                 channel.add(time_s, voltage, interval_s)
 
-    def has_new_residual(self) -> bool:
-        """Whether the errors of a channel change quickly; see `ChannelBaseline`."""
-        return any(channel.has_new_residual() for channel in self.channels)
+    def has_changing_error(self) -> bool:
+        """Whether the error of a channel changes quickly; see `ChannelBaseline`."""
+        return any(channel.has_changing_error() for channel in self.channels)

@@ -9,9 +9,11 @@ from pvdf_fem.inverse.tracking.signal.decay_fit import DecayFit
 
 #: A channel takes part in the detection of contacts when its line holds this many samples.
 MIN_LINE_SAMPLES = 8
-#: After this number of memories, the gains of the filter are those of its memory.
+#: After this number of memories m, the gains of the filter are those of its memory: the gains 4/k and
+#: 6/k² of k samples have fallen below 2/m and 1/m².
 STEADY_MEMORIES = 2.5
-#: From this number of samples on, the errors of lines and residuals change slowly.
+#: From this number of samples on, the errors of lines and residuals change by less than 1 % with each
+#: sample.
 MANY_SAMPLES = 64
 #: A line is not extrapolated if its standard error would exceed this number of noise deviations.
 MAX_SLOPE_ERROR = 1.0
@@ -21,18 +23,51 @@ MAX_LEVEL_ERROR = 0.5
 MAX_TIME_CONSTANTS = 40.0
 
 
-class ChannelState(NamedTuple):
-    """State of the baseline of one channel; see `BaselineSnapshot` for the quantities."""
+class ChannelSnapshot(NamedTuple):
+    """The baseline of a channel at the onset of a contact."""
 
-    time_s: float
-    level: float
-    slope: float
-    noise_V: float
-    line_count: float
-    residual: float
-    residual_at_s: float
-    residual_count: float
-    decay_rate: float
+    time_s: float  #: Time of the last sample of the line.
+    level: float  #: Voltage in V on the line at this time.
+    slope: float  #: In V/s.
+    noise_V: float  #: Standard deviation of a voltage.
+    line_count: float  #: Number of samples that the line is as accurate as.
+    residual: float  #: Residual voltage of the last contact in V.
+    residual_at_s: float  #: Time of the residual.
+    residual_count: float  #: Number of samples that the residual is the mean of.
+    decay_rate: float  #: Rate 1/(R C) in 1/s.
+    drift_error: float  #: Error by drifts that the line has not followed, relative to the noise.
+
+    def predict_line(self, time_s: float) -> float:
+        """Predict the voltage in V without the residual of the last contact."""
+        return self.level + self.slope * (time_s - self.time_s)
+
+    def predict_residual(self, time_s: float) -> float:
+        """Predict the residual voltage of the last contact in V."""
+        return self.residual * self._compute_decay(time_s)
+
+    def compute_error(self, time_s: float, interval_s: float) -> float:
+        """Compute the standard error of the predicted voltage in V.
+
+        See `ChannelBaseline.compute_relative_error`; the line is extrapolated from its last sample.
+
+        Parameters
+        ----------
+        time_s : float
+            Time of the prediction.
+        interval_s : float
+            Sampling interval.
+        """
+        count = self.line_count
+        extrapolated = (time_s - self.time_s) / interval_s
+        line_error = 2.0 / math.sqrt(count) * (1.0 + extrapolated / count)
+        residual_error = 0.0
+        if self.residual:
+            residual_error = self._compute_decay(time_s) / math.sqrt(self.residual_count)
+        return self.noise_V * math.hypot(line_error, self.drift_error, residual_error)
+
+    def _compute_decay(self, time_s: float) -> float:
+        """Compute the fraction of the residual that remains at a given time."""
+        return math.exp(-self.decay_rate * max(time_s - self.residual_at_s, 0.0))
 
 
 class ChannelBaseline:
@@ -106,10 +141,15 @@ class ChannelBaseline:
         """Whether the line holds enough samples to predict the next one."""
         return self.line_count >= MIN_LINE_SAMPLES
 
-    @property
-    def state(self) -> ChannelState:
-        """The present state, with which voltages are predicted during a contact."""
-        return ChannelState(
+    def take_snapshot(self, drift_error: float) -> ChannelSnapshot:
+        """Return the present state, with which voltages are predicted during a contact.
+
+        Parameters
+        ----------
+        drift_error : float
+            Error by drifts that the line has not followed, relative to the noise.
+        """
+        return ChannelSnapshot(
             time_s=self.time_s,
             level=self._level,
             slope=self._slope,
@@ -119,6 +159,7 @@ class ChannelBaseline:
             residual_at_s=self._residual_at_s,
             residual_count=self._residual_count,
             decay_rate=self._decay_rate,
+            drift_error=drift_error,
         )
 
     def set_line(
@@ -150,10 +191,15 @@ class ChannelBaseline:
             self.noise_count = count
             self._set_noise_variance(noise_V**2)
 
+    def set_min_noise(self, noise_V: float) -> None:
+        """Set the lower bound of the standard deviation of a voltage."""
+        self._min_noise_V = noise_V
+        self.noise_V = max(self.noise_V, noise_V)
+
     def forget_line(self) -> None:
         """Forget the line, so that it is learned again from the next samples; keep the noise.
 
-        A voltage that decays is told from its level by a fit of both.
+        If the channel has a resistance, the level and a residual that decays are fitted together.
         """
         self.line_count = 0
         self._residual = 0.0
@@ -233,7 +279,7 @@ class ChannelBaseline:
         return 2.0 / math.sqrt(count) * (1.0 + extrapolated / count)
 
     def stop_uncertain_slope(self, time_s: float, interval_s: float) -> None:
-        """Let the line go on level from its last sample if a pause was too long for its slope.
+        """Set the slope to zero if the line would be too uncertain after a pause.
 
         Parameters
         ----------
@@ -260,7 +306,7 @@ class ChannelBaseline:
         # A line through 4/e² samples has the error e.
         self.line_count = max(min(self.line_count, int(4.0 / error**2)), 1)
 
-    def has_new_residual(self) -> bool:
+    def has_changing_error(self) -> bool:
         """Whether the line or the residual holds so few samples that its error changes quickly."""
         is_new = bool(self._residual) and self._residual_count < MANY_SAMPLES
         return is_new or self.line_count < MANY_SAMPLES

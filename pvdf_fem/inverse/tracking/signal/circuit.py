@@ -21,8 +21,8 @@ class ReadoutCircuit:
     gain: Array  #: Factor between the voltage and the reading.
     offset: Array  #: Reading at zero voltage, in V.
     noise: Array  #: Standard deviation in V of the voltage before the gain.
-    low_V: Array  #: Lowest voltage in V before the gain that a reading can tell.
-    high_V: Array  #: Highest voltage in V before the gain that a reading can tell.
+    low_V: Array  #: Lowest voltage in V, before the gain, that the converter can read.
+    high_V: Array  #: Highest voltage in V, before the gain, that the converter can read.
 
     @classmethod
     def from_channels(cls, channels: Sequence[Channel]) -> ReadoutCircuit:

@@ -1,4 +1,4 @@
-"""Samples of the voltages of all channels, with marks of those that are not values."""
+"""Samples of the voltages of all channels, in which missing and clipped ones are marked."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class FilteredSample(NamedTuple):
     clipped_before: Sequence[int] = ()
 
     def remove_voltage(self, number: int) -> None:
-        """Let the voltage of a channel be missing."""
+        """Mark the voltage of a channel as missing."""
         self.voltages[number] = math.nan
         self.is_clipped[number] = False
 
@@ -47,5 +47,6 @@ class SettledSamples:
     baseline: SettledBaseline
     sample_count: int  #: Number of samples that the baseline was learned from.
     spike_counts: list[int]  #: Number of readings that were spikes, by channel.
+    is_at_limit: list[bool]  #: Whether a channel lies at the end of its range.
     #: The last samples, without hum, which may already belong to a contact.
     pending: list[FilteredSample]

@@ -21,7 +21,7 @@ MAINS_FREQUENCIES_HZ = (50.0, 60.0)
 
 #: Longest step of time, in windows, that is neither a pause nor a step of the clock.
 MAX_STEP_WINDOWS = 0.5
-#: Relative change of the sampling rate from which everything is learnt anew.
+#: Relative change of the sampling rate from which everything is learned anew.
 MAX_RATE_CHANGE = 0.2
 
 
@@ -233,7 +233,7 @@ class MainsHum:
             self._finish_block()
 
     def predict(self, times_s: Array) -> Array:
-        """Predict the hum that is subtracted at some times, such as those of the learnt block.
+        """Predict the hum that is subtracted at some times, such as those of the learned block.
 
         Parameters
         ----------
@@ -322,8 +322,8 @@ class MainsHum:
             return
         self._noted_Hz.add(plan.nominal_Hz)
         amplitudes = np.sqrt(np.square(self.amplitudes_V).sum(axis=0))
-        loudest = int(amplitudes.argmax())
-        place = f"{1e3 * amplitudes[loudest]:.2g} mV on {self._names[loudest]}"
+        strongest = int(amplitudes.argmax())
+        place = f"{1e3 * amplitudes[strongest]:.2g} mV on {self._names[strongest]}"
         if len(self._names) > 1:
             place += " and less on the other channels"
         text = f"mains hum of {self.frequency_Hz:.2f} Hz, {place}: subtracted"
@@ -336,7 +336,7 @@ class MainsHum:
         self._noted_Hz.add(math.nan)
         text = (
             f"mains_Hz = {self._candidates_Hz[0]:g}: hum is not subtracted at a sampling rate of "
-            f"{rate_Hz:.4g} Hz, where it cannot be told from touches; sample at 200 Hz or more"
+            f"{rate_Hz:.4g} Hz, where it cannot be distinguished from touches; sample at 200 Hz or more"
         )
         self.notes.append(text)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from enum import IntEnum, auto
+from itertools import compress
 
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.channel_baseline import ChannelBaseline
@@ -14,7 +15,8 @@ from pvdf_fem.inverse.tracking.signal.spike_filter import SpikeFilter
 
 #: Voltages beyond this magnitude in V are missing: no converter has such a range.
 MAX_VOLTAGE_V = 1e6
-#: A channel is frozen if so many equal readings are less likely than this by chance.
+#: A channel is frozen if so many equal readings are less likely than this by chance, which then
+#: happens once in 11 days at 1 kHz.
 FROZEN_PROBABILITY = 1e-9
 MIN_FROZEN_READINGS = 4  #: Fewer equal readings do not count as frozen.
 #: The same for equal readings at the extreme of a channel, which is then clipped.
@@ -37,12 +39,12 @@ MAX_RETURN_DEVIATIONS = 6.0
 
 
 class Validity(IntEnum):
-    """What a reading tells about the voltage."""
+    """Relation between a reading and the voltage."""
 
-    VALUE = auto()  #: The voltage.
-    MISSING = auto()  #: Nothing.
-    CLIPPED = auto()  #: A limit of the voltage.
-    FROZEN = auto()  #: Nothing: the channel repeats its last reading.
+    VALUE = auto()  #: The reading is the voltage.
+    MISSING = auto()  #: There is no reading, or one that no converter can make.
+    CLIPPED = auto()  #: The reading is a limit of the voltage.
+    FROZEN = auto()  #: The channel repeats its last reading; the voltage is unknown.
 
 
 #: Validities of a channel that has no signal.
@@ -50,14 +52,14 @@ OUTAGES = (Validity.MISSING, Validity.FROZEN)
 
 
 class ChannelFilter:
-    """Finds readings of one channel that are missing, clipped or frozen.
+    """Filter that finds readings of one channel that are missing, clipped or frozen.
 
     Parameters
     ----------
     low_V, high_V : float
-        Limits of the voltage that the converter can tell; infinite if they are not known.
+        Limits of the voltages in V that the converter can read; infinite if they are not known.
     baseline : ChannelBaseline
-        Baseline of the channel, which tells how far a voltage is from that of the unloaded film.
+        Baseline of the channel: its noise, and the voltage of the unloaded film.
     """
 
     def __init__(self, low_V: float, high_V: float, baseline: ChannelBaseline) -> None:
@@ -93,6 +95,11 @@ class ChannelFilter:
         voltage : float
             Voltage in V before gain and offset; NaN if it is missing, and infinite if it is marked
             as beyond the range.
+
+        Returns
+        -------
+        Validity
+            Also kept in `validity`.
         """
         if voltage != self._last_V and self.low_V < voltage < self.high_V:
             if self.repeat_count > 1:
@@ -147,7 +154,7 @@ class ChannelFilter:
         """Return a voltage; for an infinite one the limit that it is beyond.
 
         This is the end of the converter's range, or else the extreme voltage so far, which the
-        converter could still tell. It is infinite before the first voltage.
+        converter could still read. It is infinite before the first voltage.
         """
         if voltage == math.inf:
             return self._range[1] if self._range[1] < MAX_VOLTAGE_V else self._max_V
@@ -214,7 +221,7 @@ class ChannelFilter:
         self._unmarked_count = self.repeat_count - 1
 
     def mark_dead(self) -> None:
-        """Let the channel be frozen for as long as it repeats its last reading."""
+        """Classify readings as frozen for as long as the channel repeats its last one."""
         self._dead_V = self._last_V
 
     def reject_limit(self) -> None:
@@ -238,12 +245,12 @@ class ChannelFilter:
 
 
 class ReadingFilter:
-    """Finds readings that are not values, and holds suspicious samples back for a few samples.
+    """Filter that marks readings that are not values, and removes spikes.
 
     Parameters
     ----------
     circuit : ReadoutCircuit
-        Lowest and highest voltage that each channel's converter can tell.
+        Lowest and highest voltage that the converter of each channel can read.
     baseline : Baseline
         Baseline and noise of the channels.
     """
@@ -259,6 +266,7 @@ class ReadingFilter:
         #: Number of clipped readings, and of readings of frozen channels, by channel.
         self.clipped_counts = [0] * len(self.channels)
         self.frozen_counts = [0] * len(self.channels)
+        self._is_at_limit = [False] * len(self.channels)
 
     def note_settled(self, settled: SettledSamples) -> None:
         """Note the spikes and the channels without a signal that were found in the first samples.
@@ -269,6 +277,7 @@ class ReadingFilter:
             The samples from which the baseline was learned.
         """
         self.spikes.add_counts(settled.spike_counts)
+        self._is_at_limit = settled.is_at_limit
         for channel, count in zip(self.channels, settled.baseline.count.tolist(), strict=True):
             if not count:
                 channel.mark_dead()
@@ -292,8 +301,9 @@ class ReadingFilter:
         marked = list(voltages)
         is_clipped = [False] * len(marked)
         clipped_before: Sequence[int] = ()
-        if all(map(math.isnan, marked)):
-            return FilteredSample(time_s, marked, is_clipped, follows_pause)
+        sample = FilteredSample(time_s, marked, is_clipped, follows_pause)
+        if sample.has_no_reading:
+            return sample
         for number, channel in enumerate(self.channels):
             before = channel.validity
             validity = channel.classify(time_s, marked[number])
@@ -316,7 +326,7 @@ class ReadingFilter:
             elif validity is Validity.FROZEN:
                 self.frozen_counts[number] += 1
                 self._mark_held_as_missing(number, channel.repeat_count)
-        return FilteredSample(time_s, marked, is_clipped, follows_pause, clipped_before)
+        return sample._replace(clipped_before=clipped_before) if clipped_before else sample
 
     def remove_spikes(self, sample: FilteredSample, interval_s: float) -> list[FilteredSample]:
         """Remove spikes, and return the samples that are decided; see `SpikeFilter.receive`."""
@@ -370,4 +380,11 @@ class ReadingFilter:
             ]
             if shown:
                 sentences.append(f"{', '.join(shown)}: {text}")
+        at_limit = list(compress(names, self._is_at_limit))
+        if at_limit:
+            sentences.append(
+                f"the readings of {', '.join(at_limit)} on the unloaded film lie at the end of the "
+                f"converter's range, which cuts the decay after touches: shift them by a bias, and "
+                f"give it as readout.offset_V"
+            )
         return sentences

@@ -19,7 +19,7 @@ MIN_PAUSE_INTERVALS = 4.5
 
 
 class SignalChain:
-    """Turns stamped voltages into samples with true times, without hum and spikes.
+    """Chain that turns stamped voltages into samples with true times, without hum and spikes.
 
     Parameters
     ----------
@@ -132,8 +132,6 @@ class SignalChain:
 
     def _subtract_hum(self, sample: FilteredSample) -> FilteredSample:
         """Return a sample without the mains hum, if it has been learned."""
-        if not self.hum.is_learned:
-            return sample
         if not self.hum.is_active:
             self.hum.observe(sample.time_s, sample.voltages)
             return sample

@@ -15,7 +15,7 @@ SPIKE_DEVIATIONS = 10.0
 SPIKE_MULTIPLE = 6.0
 #: In a flank, a spike deviates by a larger multiple of the difference of the voltages around it.
 FLANK_MULTIPLE = 3.0
-#: Fewest samples of a short touch, in which all channels deviate to one side.
+#: Smallest number of samples of a short touch, in which all channels deviate to one side.
 MIN_TOUCH_SAMPLES = 2
 RECENT_DECAY = 0.8  #: Factor per sample by which recent differences are forgotten.
 #: Longest spike: this time in s, but at least `MIN_SPIKE_SAMPLES`.
@@ -24,7 +24,7 @@ MIN_SPIKE_SAMPLES = 4
 
 
 class SpikeFilter:
-    """Finds single samples and short bursts that leave the signal and come back.
+    """Filter that removes single samples and short bursts that leave the signal and come back.
 
     A sample that differs from the last one by more than the noise and the recent differences can
     explain is held back, until the voltages have come back or the longest duration of a spike has
@@ -64,6 +64,11 @@ class SpikeFilter:
             The sample; its voltages may be replaced by NaN.
         interval_s : float
             Sampling interval.
+
+        Returns
+        -------
+        list of FilteredSample
+            Decided samples, the oldest first; none while they are held back.
         """
         if sample.follows_pause:
             decided = [*self.flush(), sample]

@@ -166,7 +166,7 @@ def test_a_wandering_frequency_is_followed_for_hours():
 
 
 @pytest.mark.parametrize("learn_s", [0.25, 0.5])
-def test_the_learnt_block_itself_can_be_cleaned(learn_s):
+def test_the_learned_block_itself_can_be_cleaned(learn_s):
     times = make_times(learn_s, 500)
     truth = make_hum(times, mains_Hz=50.15, amplitudes_V={1: 0.02, 3: 0.005})
     noise = make_noise(times, 1e-3)
@@ -264,7 +264,7 @@ def test_coloured_noise_is_no_hum():
         assert not hum.is_active
 
 
-def test_hum_is_found_although_touches_disturb_the_block_that_is_learnt():
+def test_hum_is_found_although_touches_disturb_the_block_that_is_learned():
     times = make_times(20.0, 500)
     touch = discharge(make_touches(times, "impacts", first_s=0.2), times, 1.0)
     truth = make_hum(times, mains_Hz=60.1)
@@ -417,7 +417,7 @@ def test_a_channel_that_was_dead_is_cleaned_again():
     assert compute_rms(error).max() < compute_limit(1e-3, truth)
 
 
-def test_another_sampling_rate_is_learnt():
+def test_another_sampling_rate_is_learned():
     fast = make_times(5.0, 1000)
     slow = 5.0 + make_times(20.0, 400)
     times = np.concatenate([fast, slow])
@@ -460,9 +460,9 @@ def test_no_fault_stops_it_or_makes_readings_missing(faults, noise_V, hum_V, lea
     for kind, row, count in faults:
         spoil(kind, times, voltages, slice(row, row + count))
     hum = MainsHum("auto", 4)
-    learnt = round(500 * learn_s)
-    hum.learn(times[:learnt], voltages[:learnt])
-    for time_s, sample in zip(times[learnt:], voltages[learnt:], strict=True):
+    learned = round(500 * learn_s)
+    hum.learn(times[:learned], voltages[:learned])
+    for time_s, sample in zip(times[learned:], voltages[learned:], strict=True):
         cleaned = hum.subtract(time_s, sample)
         assert np.array_equal(np.isnan(cleaned), np.isnan(sample))
     assert np.isfinite(hum.residual_V).all()
@@ -471,7 +471,7 @@ def test_no_fault_stops_it_or_makes_readings_missing(faults, noise_V, hum_V, lea
 # --- settings
 
 
-def test_nothing_is_subtracted_before_it_has_learnt_or_when_switched_off():
+def test_nothing_is_subtracted_before_it_has_learned_or_when_switched_off():
     times = make_times(4.0, 500)
     voltages = make_hum(times) + make_noise(times, 1e-3)
     silent = MainsHum(50, 4)

@@ -17,13 +17,20 @@ DURATION_S = 0.4
 CHANNELS = 4
 
 
-def make_settling(*, time_constant_s=math.inf, expects_residual=False, channel_count=CHANNELS):
+def make_settling(
+    *,
+    time_constant_s=math.inf,
+    expects_residual=False,
+    channel_count=CHANNELS,
+    max_noise_V=0.0,
+):
     """Make an empty collection of samples."""
     return Settling(
         make_circuit(channel_count, time_constant_s=time_constant_s),
         None,
         duration_s=DURATION_S,
         min_noise_V=MIN_NOISE_V,
+        max_noise_V=np.full(channel_count, max_noise_V),
         expects_residual=expects_residual,
     )
 
@@ -75,6 +82,23 @@ def test_level_slope_and_noise_are_found_within_their_errors(level_V, slope_V_s,
     np.testing.assert_allclose(baseline.noise_V, NOISE_V, rtol=6.0 / math.sqrt(2.0 * count))
     assert baseline.count.tolist() == [count] * CHANNELS
     assert not baseline.residual.any()
+
+
+def test_the_noise_of_few_samples_is_unbiased():
+    """A line through 19 samples takes two degrees of freedom, which is 11 % of the variance."""
+    noise = make_noise(22, channel_count=400)
+    settled, count = settle(make_settling(channel_count=400), noise, rate_Hz=50.0)
+    assert count == 21
+    assert np.square(settled.baseline.noise_V).mean() == pytest.approx(NOISE_V**2, rel=0.06)
+
+
+@pytest.mark.parametrize(("deviations", "fraction"), [(8.0, 0.1), (12.0, 0.9)])
+def test_spikes_are_found_by_the_noise_of_the_samples(deviations, fraction):
+    """The limit is ten deviations: of 400 channels, hardly any or almost all find their spike."""
+    noise = make_noise(401, channel_count=400)
+    noise[200] += deviations * NOISE_V
+    settled, _ = settle(make_settling(channel_count=400), noise)
+    assert np.mean(settled.spike_counts) == pytest.approx(fraction, abs=0.1)
 
 
 @pytest.mark.parametrize("time_constant_s", [0.1, 0.5])
@@ -183,3 +207,35 @@ def test_a_touch_that_does_not_end_never_settles():
     assert math.isnan(settling.touched_to_s)
     # Older samples are dropped.
     assert len(settling.samples) <= 402
+
+
+@pytest.mark.parametrize(("max_noise_V", "settles"), [(0.05, True), (1e-3, False)])
+def test_stationary_noise_that_is_not_white_settles_with_a_larger_noise(max_noise_V, settles):
+    """Means of an eighth of the samples deviate as those of the stated white noise."""
+    settling = make_settling(max_noise_V=max_noise_V)
+    t = 1e-3 * np.arange(3000)
+    white = np.random.default_rng(3).standard_normal((len(t), CHANNELS))
+    smooth = np.apply_along_axis(np.convolve, 0, white, np.ones(40) / 40.0, "same")
+    voltages = NOISE_V * smooth / smooth.std()
+    settled = None
+    for time_s, row in zip(t, voltages.tolist(), strict=True):
+        settled = settling.add(FilteredSample(time_s, row, [False] * CHANNELS))
+        if settled:
+            break
+    assert (settled is not None) == settles
+    if settled:
+        means = voltages[: 50 * (len(t) // 50)].reshape(-1, 50, CHANNELS).mean(axis=1)
+        stated = settled.baseline.noise_V / np.sqrt(50.0)
+        assert settled.baseline.is_coloured
+        assert ((stated / means.std(axis=0) > 0.4) & (stated / means.std(axis=0) < 2.5)).all()
+
+
+def test_a_channel_whose_unloaded_reading_is_the_end_of_the_range_is_marked():
+    settling = make_settling()
+    voltages = make_noise(500)
+    voltages[:, 2] = np.maximum(voltages[:, 2], 0.0)
+    for k, row in enumerate(voltages.tolist()):
+        settled = settling.add(FilteredSample(1e-3 * k, row, [False] * CHANNELS))
+        if settled:
+            break
+    assert settled.is_at_limit == [False, False, True, False]

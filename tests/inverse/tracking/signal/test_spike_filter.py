@@ -86,6 +86,18 @@ def test_an_impact_of_some_milliseconds_is_kept(duration_s):
     np.testing.assert_array_equal(run_filter(spike_filter, voltages), voltages)
 
 
+@pytest.mark.parametrize("length", [1, 2, 4])
+def test_a_short_touch_is_kept_and_a_spike_of_all_channels_is_removed(length):
+    """Two samples or more in which all channels deviate to one side are a touch."""
+    voltages = make_noise(60)
+    voltages[30 : 30 + length] += [0.5, 0.2]
+    filtered = run_filter(make_filter(), voltages)
+    assert np.isnan(filtered).sum() == (CHANNELS if length == 1 else 0)
+    voltages[30 : 30 + length, 1] -= 0.7
+    filtered = run_filter(make_filter(), voltages)
+    assert np.isnan(filtered).sum() == CHANNELS * length
+
+
 @pytest.mark.parametrize("offset", [1, 2])
 def test_a_spike_within_a_flank_is_removed(offset):
     """One sample of the held ones is far from both neighbours."""

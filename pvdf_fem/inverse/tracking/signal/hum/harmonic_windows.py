@@ -28,7 +28,7 @@ POLYNOMIAL_DEGREE = 4
 PERIODS_PER_WINDOW = 3.0
 
 #: Limits of the frequency at which a harmonic appears in the samples: as a fraction of the sampling
-#: rate, and in Hz. Slower harmonics cannot be told from touches.
+#: rate, and in Hz. Slower harmonics cannot be distinguished from touches.
 MAX_RELATIVE_FREQUENCY = 0.45
 MIN_FREQUENCY_HZ = 8.0
 
@@ -86,7 +86,7 @@ class WindowPlan:
     def from_rate(
         cls, nominal_Hz: float, rate_Hz: float, *, harmonic_count: int, block_s: float
     ) -> WindowPlan:
-        """Choose the harmonics that can be told apart, and the windows.
+        """Choose the harmonics that can be distinguished, and the windows.
 
         Parameters
         ----------

@@ -47,7 +47,7 @@ class MainsHumOptions:
     #: Squared amplitude of an electrode's harmonic, relative to its expectation from the variance,
     #: from which it is subtracted; half of it is enough to go on.
     min_phasor_significance: float = 9.0
-    #: Fraction of the windows of a learnt block that must agree, to subtract hum at once.
+    #: Fraction of the windows of a learned block that must agree, to subtract hum at once.
     min_quiet_fraction: float = 0.7
     #: Number of further blocks that must agree with hum before it is subtracted, otherwise.
     confirming_blocks: int = 3
@@ -63,7 +63,7 @@ class MainsHumOptions:
 
 
 class HumState(Enum):
-    """What is known about the hum."""
+    """State of the search for hum."""
 
     UNKNOWN = auto()  #: The sampling rate is not known, or too low.
     ABSENT = auto()  #: No hum was found yet.
@@ -86,7 +86,7 @@ class HumFollower:
     Attributes
     ----------
     state : HumState
-        What is known about the hum.
+        State of the search for hum.
     oscillator : MainsOscillator or None
         The hum, unless it is unknown or absent.
     is_significant : ndarray, shape (harmonics, electrodes)

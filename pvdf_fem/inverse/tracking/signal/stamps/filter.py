@@ -39,6 +39,7 @@ class StampFilter:
         self._set_gains()
 
     def _set_gains(self) -> None:
+        """Compute the gains for the present number of stamps."""
         n = self.count
         self._time_gain = 2.0 * (2.0 * n - 1.0) / (n * (n + 1.0))
         self._interval_gain = 6.0 / (n * (n + 1.0))

@@ -24,7 +24,7 @@ MIN_MIXED_STEPS = 2
 BURST_STEP = 0.2
 #: Smallest number of different stamps to fit.
 MIN_STAMPS = 4
-#: Smallest number of longer steps that tell rounded stamps from missing rows by their evenness.
+#: Smallest number of longer steps whose even distances show rounded stamps and not missing rows.
 MIN_LONG_STEPS = 5
 #: Residuals of rounded stamps stay within this multiple of the excess of the longer steps.
 MAX_ROUNDING = 1.1
@@ -58,9 +58,9 @@ class StampFit(NamedTuple):
 
     kind: StampKind
     interval_s: float
-    #: Time of row 0, extrapolated from the first usable stamps, ...
+    #: Time of row 0, extrapolated from the first usable stamps.
     origin_s: float
-    #: ... and from the last ones.
+    #: Time of row 0, extrapolated from the last usable stamps.
     last_origin_s: float
     #: Largest deviation of a stamp from the line of constant interval.
     band_s: float
@@ -82,10 +82,12 @@ class _Segment(NamedTuple):
 
     @property
     def row_steps(self) -> Indices:
+        """Differences of the numbers of successive rows, shape (stamps - 1,)."""
         return np.diff(self.rows)
 
     @property
     def time_steps(self) -> Array:
+        """Differences of successive stamps in s, shape (stamps - 1,)."""
         return np.diff(self.stamps)
 
 
@@ -266,7 +268,7 @@ def _classify(segment: _Segment, interval: float, steps_agree: bool) -> StampKin
     backward_count = np.count_nonzero(steps <= 0.0)
     if steps_agree:
         is_disordered = backward_count >= MIN_BACKWARD_STEPS or _has_chunk_jitter(segment, interval)
-        if is_disordered and not _is_cured_by_sorting(segment, interval):
+        if is_disordered and not _is_regular_when_sorted(segment, interval):
             return StampKind.JITTERED
         return StampKind.REGULAR
     if backward_count or _is_rounded(segment, _select_agreeing_steps(segment)):
@@ -276,7 +278,7 @@ def _classify(segment: _Segment, interval: float, steps_agree: bool) -> StampKin
     return StampKind.IRREGULAR if growth > JITTER_GROWTH else StampKind.JITTERED
 
 
-def _is_cured_by_sorting(segment: _Segment, interval: float) -> bool:
+def _is_regular_when_sorted(segment: _Segment, interval: float) -> bool:
     """Whether the stamps are regular once they are sorted, as those of exchanged rows."""
     steps = np.diff(np.sort(segment.stamps)) / interval
     return bool(np.mean(np.abs(steps - np.round(steps)) < AGREEMENT) > 0.9 and np.min(steps) > 0.5)
@@ -349,7 +351,7 @@ def _find_anchor(segment: _Segment, interval: float, kind: StampKind) -> float:
     kind : StampKind
         Kind of the stamps: regular ones are followed by another one an interval later, or several.
     """
-    if kind is StampKind.REGULAR and _is_cured_by_sorting(segment, interval):
+    if kind is StampKind.REGULAR and _is_regular_when_sorted(segment, interval):
         return float(np.min(segment.stamps) - interval * segment.rows[0])
     rates = segment.time_steps / segment.row_steps / interval
     multiples = np.maximum(np.round(rates), 1.0)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from pvdf_fem.inverse.tracking.signal.stamps.fit import StampFit, StampKind, fit_stamps
 
-#: Number of stamps in mind.
+#: Number of stamps that are kept.
 HISTORY = 64
 #: Number of suspicious stamps within twice `HISTORY` rows after which the interval is fitted anew.
 MAX_SURPRISES = 8
@@ -66,7 +66,7 @@ class StampHistory:
     def review(self, row: int, kind: StampKind) -> StampFit | None:
         """Return a fit to the last stamps if they are of another kind than assumed.
 
-        Two reviews in succession must agree, since a gap among the stamps may deceive one of them.
+        Two reviews in succession must agree, since a gap among the stamps may mislead one of them.
 
         Parameters
         ----------

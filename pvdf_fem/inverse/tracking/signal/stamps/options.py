@@ -9,10 +9,10 @@ from dataclasses import dataclass
 class ClockOptions:
     """Bounds on the samples that a clock holds back."""
 
-    #: Duration of the first samples from which the interval is learned ...
+    #: Duration of the first samples from which the interval is learned.
     learning_s: float = 0.25
-    #: ... which ends earlier with this number of different stamps. It needs at least
-    #: `min_learning_stamps` or, if stamps come in blocks, `min_learning_blocks`.
+    #: Number of different stamps with which learning ends earlier. At least `min_learning_stamps`
+    #: are needed or, if stamps come in blocks, `min_learning_blocks`.
     learning_stamps: int = 32
     min_learning_stamps: int = 12
     min_learning_blocks: int = 4

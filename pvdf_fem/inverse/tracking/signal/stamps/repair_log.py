@@ -1,4 +1,4 @@
-"""Record of the repairs of a stream, each kind of which is said once."""
+"""Record of the repairs of a stream, with a sentence for each kind."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ SENTENCES = {
     Repair.UNTIMED_ROW: "rows up to {row} have no usable time stamp: they are left out",
 }
 
-#: Kinds that are said every time, since each changes how times are to be read.
-ALWAYS_SAID = frozenset({Repair.RESTART, Repair.INTERVAL})
+#: Kinds with a sentence for each repair, since each of these changes how times are to be read.
+ALWAYS_NOTED = frozenset({Repair.RESTART, Repair.INTERVAL})
 #: Bound on the number of sentences of a kind, so that memory is constant.
 MAX_SENTENCES = 20
 
@@ -84,7 +84,7 @@ class RepairLog:
         stamp_s: float = 0.0,
         count: int = 1,
     ) -> None:
-        """Count a repair, and note a sentence if it is to be said.
+        """Count a repair, and note its sentence if it is new.
 
         Parameters
         ----------
@@ -93,15 +93,15 @@ class RepairLog:
         row : int
             Number of its row, from 0; sentences count from 1.
         size_s : float
-            Duration that the sentence tells, in s.
+            Duration in the sentence, in s.
         stamp_s : float
-            Stamp that the sentence tells, in s.
+            Stamp in the sentence, in s.
         count : int
             Number of rows or events.
         """
         earlier = self.counts[repair]
         self.counts[repair] += count
-        if earlier == 0 or (repair in ALWAYS_SAID and earlier < MAX_SENTENCES):
+        if earlier == 0 or (repair in ALWAYS_NOTED and earlier < MAX_SENTENCES):
             size = format_duration(size_s)
             self.notes.append(SENTENCES[repair].format(row=row + 1, size=size, stamp_s=stamp_s))
 

@@ -25,9 +25,9 @@ JITTERED_MEMORY = 256
 BAND_MARGIN = 1.5
 #: Number of stamps from which a line is found with a fraction of the uncertainty of the first ones.
 UNCERTAINTY = 16.0
-#: Fraction of the excess by which the band of jitter grows with each stamp outside of it ...
+#: Fraction of the excess by which the band of jitter grows with each stamp outside of it.
 BAND_ATTACK = 0.25
-#: ... and fraction by which it shrinks with each chunk of stamps inside of it.
+#: Fraction by which the band shrinks with each chunk of stamps inside of it.
 BAND_DECAY = 1.0 / 512.0
 #: Band of jitter, as a multiple of the first deviation that was too large for the band before.
 BAND_SURPLUS = 1.5
@@ -46,7 +46,7 @@ MAX_SLEW = 0.04
 #: Larger differences are corrected in about this number of rows, but by no more than this fraction.
 SLEW_ROWS = 50.0
 MAX_CATCH_UP = 0.9
-#: Number of stamps that the filter keeps in mind after a jump.
+#: Memory of the filter after a jump, in stamps.
 FEW_STAMPS = 16
 
 

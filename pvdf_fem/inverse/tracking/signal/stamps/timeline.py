@@ -32,9 +32,9 @@ CHUNK_JITTER_ROWS = 4096
 #: jumps up to this multiple of the tolerance are jitter then, and no gaps.
 MIN_CHUNK_SIZE = 4.0
 MAX_CHUNK_SURPLUS = 2.0
-#: Largest band of jitter, in intervals, of stamps that may be regular again, ...
+#: Largest band of jitter, in intervals, of stamps that may be regular again.
 MAX_BAND = 0.1
-#: ... and smallest number of gaps among the last stamps that explain a larger one.
+#: Smallest number of gaps among the last stamps that explain a larger band.
 MIN_GAPS = 5
 #: Rate of delayed stamps, relative to that of the samples, while they catch up.
 CATCH_UP_RATE = 0.9
@@ -190,7 +190,7 @@ class Timeline:
         self._base.continue_from(before, row, fit.last_origin_s + row * fit.interval_s)
 
     def _note_kind(self, fit: StampFit) -> None:
-        """Say that stamps are not regular."""
+        """Note that stamps are not regular."""
         if fit.kind is StampKind.JITTERED:
             self._log.add(Repair.JITTER, 0, size_s=fit.band_s)
         elif fit.kind is StampKind.IRREGULAR:
@@ -199,7 +199,7 @@ class Timeline:
     # Rows that are held back
 
     def _read_held_stamps(self) -> list[float]:
-        """Return the stamps of the held rows, NaN where they say nothing."""
+        """Return the stamps of the held rows, NaN where missing or repeated within a block."""
         base = self._base
         stamps: list[float] = []
         previous = math.nan
@@ -229,7 +229,7 @@ class Timeline:
 
     def _apply(self, verdict: Verdict) -> list[TimedRow]:
         """Return the rows that a verdict explains; the others remain held."""
-        if self._find_change():
+        if self._adapt_to_change():
             return []
         explanation = verdict.explanation
         if explanation is Explanation.WILD:
@@ -254,8 +254,14 @@ class Timeline:
         self._log.add(Repair.GAP, self._jump_row, size_s=verdict.offset_s)
         return [self._pass_on_at_stamp(verdict.offset_s, ClockEvent.GAP)]
 
-    def _find_change(self) -> bool:
-        """Whether the first held stamp is one of so many that they show another stream."""
+    def _adapt_to_change(self) -> bool:
+        """Change the time base if many suspicious stamps show another kind or interval.
+
+        Returns
+        -------
+        bool
+            Whether it was changed.
+        """
         first = self._held[0].number
         self._history.add_surprise(first)
         entries = []
@@ -309,7 +315,7 @@ class Timeline:
         row : StreamRow
             Its row.
         stamp : float
-            Its stamp relative to the first one, NaN if it says nothing.
+            Its stamp relative to the first one; NaN if it is missing or repeated within a block.
         """
         base = self._base
         if not math.isfinite(row.stamp_s):

@@ -107,7 +107,8 @@ def judge_held_stamps(stamps: Sequence[float], reference: StampReference) -> Ver
     Parameters
     ----------
     stamps : sequence of float
-        Stamps of the held rows in s, in order of arrival; NaN where a stamp says nothing.
+        Stamps of the held rows in s, in order of arrival; NaN where a stamp is missing
+        or repeated within a block.
     reference : StampReference
         State of the stream before them.
 
@@ -290,7 +291,8 @@ def _judge_irregular(stamps: Sequence[float], reference: StampReference) -> Verd
     Parameters
     ----------
     stamps : sequence of float
-        Stamps of the held rows in s, in order of arrival; NaN where a stamp says nothing.
+        Stamps of the held rows in s, in order of arrival; NaN where a stamp is missing
+        or repeated within a block.
     reference : StampReference
         State of the stream before them.
 
