@@ -56,9 +56,10 @@ class ReadingLimits(NamedTuple):
             for values. Readings that exceed the range by more than its width are values, since no
             converter outputs them: they are in another unit.
         """
-        width = self.high - self.low
-        is_high = (readings >= self.high) & (readings <= self.high + width)
-        is_low = (readings <= self.low) & (readings >= self.low - width)
+        with np.errstate(over="ignore"):  # readings may be as large as 1e308
+            width = self.high - self.low
+            is_high = (readings >= self.high) & (readings <= self.high + width)
+            is_low = (readings <= self.low) & (readings >= self.low - width)
         is_high = (is_high | np.isposinf(readings)) & np.isfinite(self.high)
         is_low = (is_low | np.isneginf(readings)) & np.isfinite(self.low)
         return is_high.astype(int) - is_low.astype(int)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 
 import numpy as np
 import pandas as pd
@@ -33,14 +34,14 @@ def write_tdms(path, names=MODEL.names):
         )
 
 
-def write_csv(path):
-    columns = dict(zip(MODEL.names, VOLTS.T, strict=True))
-    pd.DataFrame({"t_s": TIMES_S} | columns).to_csv(path, index=False)
+def write_csv(path, headings=("t_s", *MODEL.names)):
+    samples = np.column_stack([TIMES_S, VOLTS])
+    pd.DataFrame(samples, columns=list(headings)).to_csv(path, index=False)
 
 
 def track(command, line):
     """Return what a tracking says about its touches, and its messages."""
-    run = command("track", "sensor.toml", *line.split(), "--json")
+    run = command("track", "sensor.toml", *shlex.split(line), "--json")
     assert run.code == 0, run.err
     objects = [json.loads(text) for text in run.out.splitlines()]
     return [item["summary"] for item in objects if "summary" in item], run.err
@@ -75,6 +76,32 @@ def test_the_formats_give_the_touch_of_the_same_table(command, folder):
             assert touch[key] == pytest.approx(expected[key], rel=1e-5), (line, key)
 
 
+def test_tables_have_channels_and_a_rate_as_recordings_have(command):
+    write_csv("signals.csv")
+    (expected,), _ = track(command, "signals.csv")
+    write_csv("named.csv", ["Clock", *(f"Channel {name}" for name in MODEL.names)])
+    chosen = ",".join(f"{name}=Channel {name}" for name in MODEL.names)
+    for choice in (f'"t_s=Clock,{chosen}"', f'"{chosen}" --rate 1000'):
+        (touch,), _ = track(command, f"named.csv --channels {choice}")
+        assert touch["force_N"] == pytest.approx(expected["force_N"], rel=1e-6)
+    run = command("track", "sensor.toml", "named.csv", "--channels", chosen)
+    assert run.code == 2
+    assert "--rate HZ" in run.err
+
+
+def test_a_recording_at_a_high_rate_is_averaged(command):
+    """The mean of equal samples is their value; the rate is advised against."""
+    write_csv("signals.csv")
+    (expected,), _ = track(command, "signals.csv")
+    soundfile.write("film.wav", np.repeat(VOLTS, 24, axis=0) / FULL_SCALE_V, 24000, "DOUBLE")
+    (touch,), messages = track(command, f"film.wav --full-scale {FULL_SCALE_V} --average 24")
+    assert touch["force_N"] == pytest.approx(expected["force_N"], rel=1e-5)
+    assert touch["onset_s"] == pytest.approx(expected["onset_s"] + 11.5 / 24000, abs=1e-6)
+    assert "samples a second" not in messages
+    _, messages = track(command, f"film.wav --full-scale {FULL_SCALE_V} --average 1")
+    assert "24000 samples a second take long; --average 12" in messages
+
+
 def test_channels_of_the_scene_and_notes(command, folder):
     write_tdms("film.tdms", ["ai0", "ai1", "ai2", "ai3"])
     content = (folder / "film.tdms").read_bytes()
@@ -96,6 +123,7 @@ def test_channels_of_the_scene_and_notes(command, folder):
         ("film.tdms --channels ai0", "--channels ai0: 'ai0' has no ="),
         ("film.tdms --rate 100", "has times or a rate of its own; omit --rate"),
         ("film.tdms --rate x", "--rate x: is not a number"),
+        ("film.tdms --average 0", "--average 0: is not a whole number"),
         ("film.wav", "give it in V, as by --full-scale"),
         ("film.tdms --unit pC", "film.tdms"),
     ],

@@ -122,6 +122,8 @@ def choose_electrode_columns(
     chosen, unit = choose_readings(table, electrodes, unit)
     headings = [column.heading for column in table.columns]
     names = ", ".join(electrodes)
+    if not headings:
+        raise InputError(f"{table.name}: is empty; give a table with the columns {names}")
     if not chosen and 2 * sum(map(has_number, headings)) > len(headings):
         raise InputError(f"{table.name}: has no header; write {names} above the columns")
     if not chosen:

@@ -18,6 +18,7 @@ RECORDING_OPTIONS = {
     "channels": "--channels",
     "rate": "--rate",
     "full_scale": "--full-scale",
+    "average": "--average",
 }
 
 
@@ -39,6 +40,12 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         "--full-scale",
         "V",
         about="voltage of a sample of 1 in a sound file (default: readout.full_scale_V)",
+    )
+    add_text_option(
+        group,
+        "--average",
+        "COUNT",
+        about="number of samples in a row whose means are read from a recording (default: 1)",
     )
 
 
@@ -77,7 +84,10 @@ def make_recording_options(
         rate_Hz = _parse_number("--rate", options.rate, errors)
         if rate_Hz < 0.0:
             errors.append(f"--rate {options.rate}: must be positive; give the rate in Hz")
-    return RecordingOptions(channels, rate_Hz, full_scale_V)
+    average_count = 1
+    if options.average is not None:
+        average_count = _parse_count("--average", options.average, errors)
+    return RecordingOptions(channels, rate_Hz, full_scale_V, average_count=average_count)
 
 
 def _parse_channels(text: str, electrodes: list[str], errors: list[str]) -> dict[str, str]:
@@ -103,3 +113,11 @@ def _parse_number(option: str, text: str, errors: list[str]) -> float:
         errors.append(f"{option} {text}: is not a number above zero; correct it")
         return math.nan
     return value
+
+
+def _parse_count(option: str, text: str, errors: list[str]) -> int:
+    """Parse a whole number above zero; append a message and return 1 if it is not one."""
+    if text.isdecimal() and int(text) > 0:
+        return int(text)
+    errors.append(f"{option} {text}: is not a whole number above zero; correct it")
+    return 1

@@ -96,7 +96,7 @@ examples:
   pvdf-fem track sensor.toml signals.csv > rows.csv
   my-logger | pvdf-fem track sensor.toml - --json
   pvdf-fem track sensor.toml recording.tdms --channels A=Group/ai0,B=Group/ai1 > rows.csv
-  pvdf-fem track sensor.toml recording.wav --full-scale 2.5 > rows.csv
+  pvdf-fem track sensor.toml recording.wav --full-scale 2.5 --average 24 > rows.csv
 
 exit codes: 0 done, 2 bad input, or no row that can be used, 3 a touch was not located,
 or the baseline was never learned"""
@@ -357,9 +357,9 @@ def _list_fields(row_class: type[TrackRow]) -> tuple[tuple[str, ...], Callable[[
 
 
 def _to_plain_row(row: TrackRow) -> dict[str, Any]:
-    """Convert a row to plain values for JSON and CSV, rounded to nine digits except ``t_s``."""
+    """Convert a row to plain values for JSON and CSV, rounded to nine digits, ``t_s`` to 1 ns."""
     names, get_values = _list_fields(type(row))
     plain = dict(zip(names, map(to_plain, get_values(row)), strict=True))
     if not math.isnan(row.t_s):
-        plain["t_s"] = row.t_s
+        plain["t_s"] = round(row.t_s, 9)
     return plain

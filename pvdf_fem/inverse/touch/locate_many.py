@@ -408,8 +408,10 @@ def _decide_initial_status(
     any_row = np.zeros_like(readings_pC[:1])
     values = np.zeros(any_row.shape, dtype=int)
     needed = len(measurement.make_problem(any_row, unknown, values).free_columns)
-    is_missing = ~np.isfinite(readings_pC)
-    is_value = (measurement.find_sides(readings_pC) == 0) & ~is_missing
+    is_clipped = measurement.find_sides(readings_pC) != 0
+    is_number = np.isfinite(readings_pC)
+    is_missing = ~(is_number | is_clipped)
+    is_value = is_number & ~is_clipped
     value_counts = is_value.sum(axis=1)
     # Huge readings must not overflow.
     clipped = np.clip(readings_pC, -MAX_READING_PC, MAX_READING_PC)
@@ -426,7 +428,7 @@ def _decide_initial_status(
         status[:] = TouchStatus.UNDETERMINED
     status[~((lowest <= forces) & (forces <= highest))] = TouchStatus.OUTSIDE
     status[is_small.all(axis=1) | has_no_deviation] = TouchStatus.ZERO
-    is_too_large = (np.abs(readings_pC) > MAX_READING_PC) & ~is_missing
+    is_too_large = (np.abs(readings_pC) > MAX_READING_PC) & is_number
     status[is_too_large.any(axis=1)] = TouchStatus.TOO_LARGE
     status[(is_too_few & is_missing.any(axis=1)) | ~is_finite] = TouchStatus.NOT_FINITE
     return status

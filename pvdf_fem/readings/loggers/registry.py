@@ -34,7 +34,12 @@ READERS: tuple[type[LoggerReader], ...] = (
 HEAD_BYTES = 4096
 TDMS_INDEX_TAG = b"TDSh"
 NETCDF3_TAG = b"CDF"
-GZIP_TAG = b"\x1f\x8b"
+#: First bytes of files that are not read, with what they are and what to do.
+UNREAD_TAGS = {
+    b"\x1f\x8b": "is compressed by gzip; unpack it, as by: gunzip FILE",
+    b"PK\x03\x04": "is a ZIP archive, such as a workbook of Excel; save the sheet as CSV, or unpack it",
+    b"\xd0\xcf\x11\xe0": "is an old document, such as a workbook of Excel; save the sheet as CSV",
+}
 
 
 def find_reader(path: Path) -> type[LoggerReader] | None:
@@ -62,6 +67,9 @@ def find_reader(path: Path) -> type[LoggerReader] | None:
             return reader
     if head.startswith(TDMS_INDEX_TAG):
         raise FileError(f"{path}: is the index of a TDMS file; give the file .tdms beside it")
+    for tag, reason in UNREAD_TAGS.items():
+        if head.startswith(tag):
+            raise FileError(f"{path}: {reason}")
     if head.startswith(NETCDF3_TAG) and b"\0" in head:
         advice = "write the data as CSV or Parquet, or convert it, as by: nccopy -k nc4 OLD NEW"
         raise FileError(f"{path}: is NetCDF-3, which is not read; {advice}")

@@ -13,7 +13,8 @@ from tests.helpers.bump_response import draw_uniform_touches, make_bump_response
 
 #: Rows that cannot be used, by their status.
 BAD_ROWS = {
-    "not_finite": [[np.nan, 700.0, np.nan, 600.0], [1.0, np.inf, -np.inf, 1.0], [None] * 4],
+    "not_finite": [[np.nan, 700.0, np.nan, 600.0], [None] * 4, [1.0, np.inf, np.inf, np.nan]],
+    "clipped": [[1.0, np.inf, -np.inf, 1.0], [np.inf] * 4],
     "too_large": [[1e13, 1.0, 1.0, 1.0], [1e300, 1.0, 1.0, -1e300], [1.7e308] * 4],
     "zero_charge": [[0.0, 0.0, 0.0, 0.0], [700.0, 0.0, 600.0, 500.0], [1e-300, 1.0, 1.0, 1.0]],
 }

@@ -1,5 +1,6 @@
 """How the format of a file is found, and what is said if it cannot be read."""
 
+import gzip
 import subprocess
 import sys
 from contextlib import ExitStack
@@ -49,6 +50,20 @@ def test_other_binary_files_with_the_extension_of_a_logger_are_refused(tmp_path)
     (tmp_path / "r.tdms_index").write_bytes(b"TDSh" + bytes(100))
     with pytest.raises(FileError, match=r"index of a TDMS file; give the file \.tdms"):
         find_reader(tmp_path / "r.tdms_index")
+
+
+@pytest.mark.parametrize(
+    ("head", "advice"),
+    [
+        (gzip.compress(b"t_s,A\n0,1\n"), "gunzip"),
+        (b"PK\x03\x04" + bytes(30), "save the sheet as CSV"),
+        (b"CDF\x01" + bytes(30), "NetCDF-3, which is not read"),
+    ],
+)
+def test_files_that_are_no_tables_are_named_with_the_way_to_convert_them(tmp_path, head, advice):
+    (tmp_path / "r.csv").write_bytes(head)
+    with pytest.raises(FileError, match=advice):
+        find_reader(tmp_path / "r.csv")
 
 
 @pytest.mark.parametrize(

@@ -217,12 +217,14 @@ class Settling:
             if count[channel] < MIN_FIT_SAMPLES:
                 continue
             x = offsets_s[is_measured]
-            shape = np.exp(-self._decay_rate[channel] * x) if has_residual[channel] else x
+            # Relative to the first sample: many time constants before the last one would overflow.
+            decay = np.exp(-self._decay_rate[channel] * (x - x[0]))
+            shape = decay if has_residual[channel] else x
             basis = np.column_stack([np.ones_like(x), shape])
             values = voltages[is_measured, channel]
             (level[channel], second), *_ = np.linalg.lstsq(basis, values, rcond=None)
             if has_residual[channel]:
-                residual[channel] = second
+                residual[channel] = second * np.exp(self._decay_rate[channel] * x[0])
             else:
                 slope[channel] = second
             errors = values - basis @ np.array([level[channel], second])
