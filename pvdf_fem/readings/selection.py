@@ -25,7 +25,15 @@ from pvdf_fem.readings.units import UNITS, convert_factor
 #: Units to which readings in different units are converted, by the quantity that they measure.
 READING_UNITS = {"charge": "pC", "voltage": "V"}
 #: Units of times by the headings that say them, in lower case; those in front are preferred.
-TIME_HEADINGS = {"t_s": "s", "t_ms": "ms", "t_us": "µs", "t_µs": "µs", "t_ns": "ns"}
+TIME_HEADINGS = {
+    "t_s": "s",
+    "t_ms": "ms",
+    "t_us": "µs",
+    "t_µs": "µs",
+    "t_ns": "ns",
+    "millis": "ms",  # Functions of Arduino.
+    "micros": "µs",
+}
 
 
 class TimesOfUnknownKind:
@@ -60,7 +68,7 @@ class TimesOfUnknownKind:
                 if find_unix_unit(value) is None:
                     raise FileError(
                         f"{self.table.name}: column {self.column.heading}: has no unit; name it "
-                        "t_s, t_ms or t_us"
+                        f'by its unit, as by --channels "t_s={self.column.heading}"'
                     )
                 self.reader = UnixTimes(self.table.numbers)
         time_s = self.reader.read(cell)
@@ -210,7 +218,8 @@ def choose_times(table: Table) -> ChosenColumn | None:
 
     Columns ``t_s``, ``t_ms``, ``t_us`` are preferred, then ``time`` and the like with a unit, then
     those without, whose cells must be dates, times of day, or numbers of seconds since 1970. Times
-    without a unit are counted from the first one.
+    without a unit are counted from the first one. A column with another name has the times if it
+    is the only one with a unit of time.
 
     Raises
     ------
@@ -230,6 +239,8 @@ def choose_times(table: Table) -> ChosenColumn | None:
 
 def is_time_column(column: Column) -> bool:
     """Return whether a column has the name of one of times, and no unit of another quantity."""
+    if column.heading.casefold() in TIME_HEADINGS:
+        return True
     is_named = column.name.casefold() in TIME_NAMES
     return is_named and (column.unit is None or column.unit.quantity == "time")
 
@@ -248,7 +259,13 @@ def _find_time_column(columns: Sequence[Column]) -> int | None:
         for name in TIME_NAMES:
             if name in by_name:
                 return by_name[name]
-    return None
+    measured = [i for i, column in enumerate(columns) if _is_in_unit_of_time(column)]
+    return measured[0] if len(measured) == 1 else None
+
+
+def _is_in_unit_of_time(column: Column) -> bool:
+    """Return whether a column has a unit of time."""
+    return column.unit is not None and column.unit.quantity == "time"
 
 
 def _find_column(table: Table, name: str, quantities: Iterable[str]) -> int | None:

@@ -69,15 +69,14 @@ def find_unix_unit(value: float) -> float | None:
 class ClockTimes:
     """A reader of dates and times of day, which returns the times since the first one in s.
 
-    Dates are written year first, or as day.month.year. Where slashes or hyphens separate a day and
-    a month in front of a year, one of them must be above 12 to tell them apart. Times of day
-    without a date continue after midnight.
+    Times of day without a date continue after midnight; for dates see `_DayCounter`.
     """
 
     def __init__(self) -> None:
         self.first: _Moment | None = None
+        self._dates = _DayCounter()
         self.last_s = 0.0
-        self.days = 0  #: Number of days, or of midnights since the first time without a date.
+        self.days = 0  #: Number of days since the first date, or of midnights.
 
     def read(self, cell: str) -> float:
         """Return the time in a cell in s since the first one; NaN if it is missing."""
@@ -89,7 +88,7 @@ class ClockTimes:
             raise CellError(f"{text[:MAX_QUOTED]!r} is not a time; write it as the rows before")
         time_s = _read_time_of_day(match)
         if match["date"]:
-            self.days = _count_days(match["date"], match["mark"])
+            self.days = self._dates.count(match["date"], match["mark"])
         elif time_s < self.last_s - SECONDS_PER_DAY / 2.0:
             self.days += 1
         self.last_s = time_s
@@ -125,8 +124,66 @@ def _read_time_of_day(match: re.Match[str]) -> float:
     return 3600.0 * hours + 60.0 * (int(match["minute"]) - offset_min) + seconds
 
 
-def _count_days(text: str, mark: str) -> int:
-    """Return the number of days until a date; raise `CellError` if day and month may be exchanged.
+#: Orders in which a day and a month may be written in front of a year.
+_ORDERS = ("day first", "month first")
+
+
+class _DayCounter:
+    """A counter of the days since the first date.
+
+    Dates are written year first, or as day.month.year. Where slashes or hyphens separate a day and
+    a month in front of a year, their order is that of the first date with a number above 12. Before
+    it, the date may stay the same, or change to a day that is the next one in one order only.
+    """
+
+    def __init__(self) -> None:
+        self._text = ""
+        self._elapsed = 0
+        self._first: dict[str, int] = {}  # Number of the first day by the order of its numbers.
+        self._last: dict[str, int] = {}
+
+    def count(self, text: str, mark: str) -> int:
+        """Return the number of days from the first date until a date.
+
+        Parameters
+        ----------
+        text : str
+            The date: three numbers.
+        mark : str
+            The character between them.
+
+        Raises
+        ------
+        CellError
+            If there is no such date, or its day and month may be exchanged.
+        """
+        if text == self._text:
+            return self._elapsed
+        days = _list_days(text, mark)
+        if not self._first:
+            self._first = days
+        elapsed = {
+            order: days[order] - self._first[order] for order in days if order in self._first
+        }
+        if len(set(elapsed.values())) > 1:
+            elapsed = {
+                order: count
+                for order, count in elapsed.items()
+                if days[order] - self._last[order] == 1
+            }
+        if len(set(elapsed.values())) != 1:
+            raise CellError(
+                f"{text} has a day and a month, which may be exchanged; write the date as YYYY-MM-DD"
+            )
+        self._first = {order: self._first[order] for order in elapsed}
+        self._last = {order: days[order] for order in elapsed}
+        self._text = text
+        self._elapsed = next(iter(elapsed.values()))
+        return self._elapsed
+
+
+def _list_days(text: str, mark: str) -> dict[str, int]:
+    """Return the number of a day by the order of its date, for the orders that it may have.
 
     Parameters
     ----------
@@ -134,23 +191,26 @@ def _count_days(text: str, mark: str) -> int:
         Three numbers.
     mark : str
         The character between them.
+
+    Raises
+    ------
+    CellError
+        If there is no such date.
     """
     first, second, third = (int(part) for part in text.split(mark))
+    readings = {"day first": (third, second, first), "month first": (third, first, second)}
     if len(text.partition(mark)[0]) == 4:
-        year, month, day = first, second, third
-    elif mark == "." or first > 12:
-        day, month, year = first, second, third
-    elif second > 12:
-        month, day, year = first, second, third
-    elif first == second:
-        day, month, year = first, second, third
-    else:
-        raise CellError(
-            f"{text} has a day and a month, which may be exchanged; write the date as YYYY-MM-DD"
-        )
-    if year < 100:
-        year += 2000 if year < FIRST_YEAR_OF_CENTURY else 1900
-    try:
-        return date(year, month, day).toordinal()
-    except ValueError:
-        raise CellError(f"{text} is not a date; write the date as YYYY-MM-DD") from None
+        readings = dict.fromkeys(_ORDERS, (first, second, third))
+    elif mark == ".":
+        readings = dict.fromkeys(_ORDERS, (third, second, first))
+    days = {}
+    for order, (year, month, day) in readings.items():
+        if year < 100:
+            year += 2000 if year < FIRST_YEAR_OF_CENTURY else 1900
+        try:
+            days[order] = date(year, month, day).toordinal()
+        except ValueError:
+            continue
+    if not days:
+        raise CellError(f"{text} is not a date; write the date as YYYY-MM-DD")
+    return days

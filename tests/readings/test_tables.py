@@ -71,10 +71,38 @@ def test_numbers_are_read_as_they_are_meant(cells, values):
         ("x\t1\n***End_of_Header***\t\nA,B\n0.5,1\n", [[0.5, 1.0]]),
         ("A;B\n1.041;2.113\n0.5;1\n", [[1.041, 2.113], [0.5, 1.0]]),
         ("A;B;note\n1.041;2;x\n3;4;241,5\n", [[1041.0, 2.0], [3.0, 4.0]]),
+        ('"Name","A","B"\n"Size","2","2"\n"Rate","1e3"\n"","0.5","1"\n', [[0.5, 1.0]]),
+        ("Name;A;B\nx;0,5;1\ny;0,6;2\n", [[0.5, 1.0], [0.6, 2.0]]),
+        ("boot\nA:0.5,B:1\nA:0.6,B:2\n", [[0.5, 1.0], [0.6, 2.0]]),
+        ("A=0.5 B=1\nB=2\n", [[0.5, 1.0], [math.nan, 2.0]]),
     ],
 )
 def test_the_header_and_the_separator_are_found(text, rows):
-    assert read_table(text).rows == rows
+    read = read_table(text)
+    for found, row in zip(read.rows, rows, strict=True):
+        np.testing.assert_array_equal(found, row)
+
+
+@pytest.mark.parametrize("is_live", [True, False])
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["A,B", "0.5,1", "0.6,2"],
+        ["A\tB", "0.5\t1", "0.6\t2"],
+        ["Setup done", "A:0.5 B:1", "A:0.6 B:2"],
+    ],
+)
+def test_times_that_a_serial_monitor_adds_are_read(lines, is_live):
+    stamped = [f"10:00:00.{125 * i:03d} -> {line}" for i, line in enumerate(lines)]
+    read = read_table("\n".join([*stamped, ""]), is_live=is_live)
+    assert read.rows == [[0.0, 0.5, 1.0], [0.125, 0.6, 2.0]]
+
+
+def test_units_are_found_in_a_block_below_the_header():
+    """As instruments write it, with labels in the first column, which is empty in the rows."""
+    block = '"Name","A","B"\n"Size","2","2"\n"VUnit","mV","mV"\n"HUnit","s"\n\n'
+    read = read_table(f'{block}"","0.5","1"\n')
+    assert (read.rows, read.unit) == ([[0.5, 1.0]], "mV")
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1"])
@@ -202,10 +230,29 @@ def test_times_are_read_in_seconds(heading, cells, times_s, is_live):
     assert [row[0] for row in read.rows] == pytest.approx(times_s, abs=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("dates", "days"),
+    [
+        (["5/2/2024", "5/2/2024"], [0, 0]),
+        (["5/2/2024", "5/3/2024", "5/4/2024"], [0, 1, 2]),
+        (["30-1-2024", "31-1-2024", "1-2-2024", "2-2-2024"], [0, 1, 2, 3]),
+        (["1/2/2024", "13/2/2024", "1/3/2024"], [0, 12, 29]),
+        (["2/5/2024", "2/5/2024", "2/13/2024", "3/1/2024"], [0, 0, 8, 25]),
+        (["12/12/2023", "13/12/2023", "1/1/2024", "2/1/2024"], [0, 1, 20, 21]),
+    ],
+)
+def test_days_are_counted_in_dates_whose_order_the_next_day_tells(dates, days):
+    rows = "".join(f"{date} 10:00:00;1\n" for date in dates)
+    read = read_table(f"time;A\n{rows}")
+    assert [row[0] for row in read.rows] == [86400.0 * day for day in days]
+
+
 def test_dates_that_may_be_exchanged_and_times_without_a_unit_are_refused():
-    [refused] = read_table("time;A\n5/2/2024 10:00:00;1\n").rows
-    assert "row 1, column time: 5/2/2024 has a day and a month" in str(refused)
-    with pytest.raises(FileError, match="column time: has no unit; name it t_s"):
+    *_, refused = read_table("time;A\n5/2/2024 10:00:00;1\n5/4/2024 10:00:00;1\n").rows
+    assert "row 2, column time: 5/4/2024 has a day and a month" in str(refused)
+    [refused] = read_table("time;A\n31/31/2024 10:00:00;1\n").rows
+    assert "31/31/2024 is not a date" in str(refused)
+    with pytest.raises(FileError, match=r"column time: has no unit; .*t_s=time"):
         read_table("time;A\n0.5;1\n")
     with pytest.raises(FileError, match="column t: has no unit"):
         read_table("t;A\n0.5;1\n")

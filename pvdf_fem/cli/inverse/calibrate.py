@@ -32,13 +32,16 @@ _DESCRIPTION = """\
 Fit the parameters of a sensor to touches with known position, rotation and force: the
 film, the channels and the position on the stage that explain the readings best. The ±
 are standard deviations. Touches that do not fit are rejected and named; readings at
-the end of readout.range_V, or at plateaus, are clipped and left out; files with exchanged channels, mirrored axes, wrong units and the like are recognised."""
+the end of readout.range_V, at plateaus, or marked by words such as OVER are clipped
+and left out; files with exchanged channels, mirrored axes, wrong units and the like
+are recognised."""
 
 _EPILOG = """\
 TOUCHES.csv has the columns x_mm, y_mm, rotation_deg (of the scene's probe on
 the stage), force_N, and one for each electrode (A, B, ...) with its reading: in V if
 the scene has a [readout], and in pC if not, unless readout.unit, --unit or the file
-says otherwise. Units in headings, as x (m) or A (mV), are converted.
+says otherwise. Units in headings, as x (m) or A (mV), are converted. Parquet, HDF5
+and other files with these columns are read, too, but not recordings of streams.
 
 unknowns: film.pretension_N_m and other keys of the film; gain.A, ... or gains;
 offset.A, ... (V) or offsets; stage.x_mm and stage.y_mm or shift;

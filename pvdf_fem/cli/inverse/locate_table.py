@@ -436,12 +436,13 @@ def _print_summary(counts: Counter[str], mistakes: Counter[str]) -> int:
             file=sys.stderr,
         )
     by_status = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
-    print(f"{counts.total()} rows: {by_status or 'none'}", file=sys.stderr)
+    rows = "1 row" if counts.total() == 1 else f"{counts.total()} rows"
+    print(f"{rows}: {by_status or 'none'}", file=sys.stderr)
     fitting = sum(counts[status] for status in EXPLAINED_STATUSES)
     is_mistaken = False
     for mistake, count in mistakes.most_common(1):  # none or one
         is_mistaken = count > fitting
         if is_mistaken:
-            print(f"only {fitting} rows fit as they are, {count} are {mistake}", file=sys.stderr)
+            print(f"rows that fit as they are: {fitting}; {mistake}: {count}", file=sys.stderr)
     is_located = counts.total() == 0 or (fitting > 0 and not is_mistaken)
     return ExitCode.CONVERGED if is_located else ExitCode.NOT_CONVERGED

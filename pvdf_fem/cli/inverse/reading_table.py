@@ -17,7 +17,14 @@ from pvdf_fem.readings.columns import Column
 from pvdf_fem.readings.formats import open_table
 from pvdf_fem.readings.selection import ChosenColumn, NumberColumns, choose_readings, is_time_column
 from pvdf_fem.readings.table import Table
+from pvdf_fem.readings.table_channels import (
+    add_times,
+    make_channel_test,
+    name_channels,
+    suggest_channels,
+)
 from pvdf_fem.readings.text.header import make_name_test
+from pvdf_fem.readings.text.numbers import has_number
 
 if TYPE_CHECKING:
     from pvdf_fem.readings.loggers.open_recording import RecordingOptions
@@ -70,10 +77,15 @@ def open_readings(
             return make_table(recording)
     has_name = make_name_test([*electrodes, *options.quantities])
 
+    is_channel = make_channel_test(options.channels)
+
     def is_wanted(column: Column) -> bool:
-        return has_name(column) or is_time_column(column)
+        return has_name(column) or is_time_column(column) or is_channel(column)
 
     table = open_table(stack, source, table_format, is_wanted)
+    table = name_channels(table, options.channels, electrodes)
+    if options.rate_Hz is not None:
+        table = add_times(table, options.rate_Hz)
     for note in table.notes:
         print(f"{table.name}: {note}", file=sys.stderr)
     return table
@@ -109,8 +121,12 @@ def choose_electrode_columns(
     """
     chosen, unit = choose_readings(table, electrodes, unit)
     headings = [column.heading for column in table.columns]
+    names = ", ".join(electrodes)
+    if not chosen and 2 * sum(map(has_number, headings)) > len(headings):
+        raise InputError(f"{table.name}: has no header; write {names} above the columns")
     if not chosen:
-        advice = f"name some of {', '.join(electrodes)} in its header"
+        advice = f"name some of {names} in its header, or give such as "
+        advice += f'--channels "{suggest_channels(table.columns, electrodes)}"'
         shown = ", ".join(headings)
         raise InputError(f"{table.name}: has no electrode among its columns {shown}; {advice}")
     missing = [electrode for electrode in electrodes if electrode not in chosen]

@@ -23,15 +23,17 @@ RECORDING_OPTIONS = {
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
     """Add the options about files of loggers to the parser of a command."""
-    group: Any = parser.add_argument_group("files of loggers (TDMS, WAV and others)")
+    group: Any = parser.add_argument_group("channels of files")
     add_text_option(
         group,
         "--channels",
         "A=NAME,B=NAME,...",
-        about="channels of the electrodes, such as A=Group/ai0, and of times, such as t_s=Time "
-        "(default: readout.channels, or channels with the names of the electrodes)",
+        about="channels or columns of the electrodes, such as A=Group/ai0, and of times, such as "
+        "t_s=Time (default: readout.channels, or those with the names of the electrodes)",
     )
-    add_text_option(group, "--rate", "HZ", about="sampling rate of a file that has no times")
+    add_text_option(
+        group, "--rate", "HZ", about="sampling rate of a table or recording that has no times"
+    )
     add_text_option(
         group,
         "--full-scale",

@@ -185,7 +185,8 @@ def _choose_time_column(table: Table) -> ChosenColumn:
     column = choose_times(table)
     if column is None:
         raise InputError(
-            f"{table.name}: has no column of times; name it t_s, t_ms or t_us, by its unit"
+            f"{table.name}: has no column of times; name it t_s, t_ms or t_us, by its unit, give "
+            '--channels "t_s=NAME", or the rate by --rate HZ'
         )
     return column
 
@@ -328,7 +329,7 @@ class _Session:
         end_s = self.tracker.settling_ends_s
         if not self.has_announced_settling and math.isfinite(end_s):
             self.has_announced_settling = True
-            self._print_message(f"settling until t_s = {end_s:.4g}: do not touch")
+            self._print_message(f"settling until t_s = {round(end_s, 3):.15g}: do not touch")
 
     def _report_touches(self) -> Iterator[dict[str, Any]]:
         """Report the touches that have ended since the previous row.

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.files import read_bytes
+from pvdf_fem.files import FileError, read_bytes
 from pvdf_fem.readings.formats import parse_csv
+from pvdf_fem.readings.loggers.channel_choice import has_channel
+from pvdf_fem.readings.loggers.open_recording import RecordingOptions, open_recording
+from pvdf_fem.readings.loggers.recording_table import make_table as make_recording_table
+from pvdf_fem.readings.loggers.registry import open_reader
 from pvdf_fem.readings.selection import (
     ChosenColumn,
     NumberColumns,
@@ -18,6 +23,7 @@ from pvdf_fem.readings.selection import (
     choose_readings,
 )
 from pvdf_fem.readings.table import Table, make_table
+from pvdf_fem.readings.table_channels import make_channel_test, name_channels
 from pvdf_fem.readings.text.header import make_name_test
 from pvdf_fem.readings.text.numbers import CellError
 from pvdf_fem.scene.scene import Scene
@@ -47,9 +53,14 @@ class TouchColumns(NamedTuple):
 
 def read_touch_columns(source: Any, scene: Scene, unit: str | None) -> TouchColumns:
     """Read the numbers of touches; see `read_touches` for arguments and exceptions."""
+    with ExitStack() as stack:
+        return _read_columns(_open_table(source, scene, stack), scene, unit)
+
+
+def _read_columns(table: Table, scene: Scene, unit: str | None) -> TouchColumns:
+    """Read the numbers of a table of touches, see `read_touch_columns`."""
     electrodes = [electrode.name for electrode in scene.electrode_list]
     names = [*TOUCH_QUANTITIES, *electrodes]
-    table = _open_table(source, names)
     columns: dict[str, ChosenColumn] = {}
     for name in TOUCH_QUANTITIES:
         column = choose_quantity(table, name)
@@ -82,28 +93,32 @@ def find_reading_unit(source: Any, scene: Scene) -> str | None:
         As for `read_touches`.
     """
     electrodes = [electrode.name for electrode in scene.electrode_list]
-    table = _open_table(source, [*TOUCH_QUANTITIES, *electrodes])
-    return choose_readings(table, electrodes, unit=None)[1]
+    with ExitStack() as stack:
+        table = _open_table(source, scene, stack)
+        return choose_readings(table, electrodes, unit=None)[1]
 
 
-def _open_table(source: Any, names: Sequence[str]) -> Table:
+def _open_table(source: Any, scene: Scene, stack: ExitStack) -> Table:
     """Return the table of a file, a mapping or a dataframe.
 
     Parameters
     ----------
     source : path, mapping of str to sequence, or table with `columns`
-        The touches.
-    names : sequence of str
-        Names by which the header of a file is found.
+        The touches. The file may be one of a logger, with a sample for each touch.
+    scene : Scene
+        Scene with the names of electrodes, and of their channels.
+    stack : ExitStack
+        Context in which a file stays open.
 
     Raises
     ------
     TouchesError
         If columns of a mapping differ in length, or the source has another type.
+    FileError
+        If a file cannot be read, or is the recording of a stream.
     """
     if isinstance(source, str | Path):
-        content = read_bytes(Path(source), MAX_FILE_SIZE, "a table of touches")
-        return parse_csv(content, str(source), make_name_test(names))
+        return _open_file(Path(source), scene, stack)
     headings = source if isinstance(source, Mapping) else getattr(source, "columns", None)
     if headings is None:
         reason = "is not a table; give the path of a CSV file, or a dict of columns"
@@ -112,6 +127,30 @@ def _open_table(source: Any, names: Sequence[str]) -> Table:
     if len({len(column) for column in columns.values()}) > 1:
         raise TouchesError("touches: columns differ in length; give a value for every touch")
     return make_table("touches", columns)
+
+
+def _open_file(path: Path, scene: Scene, stack: ExitStack) -> Table:
+    """Return the table in a file, see `_open_table`."""
+    electrodes = [electrode.name for electrode in scene.electrode_list]
+    choice = dict(scene.readout.channels or {}) if scene.readout else {}
+    reader = open_reader(path, stack)
+    if reader is None:
+        content = read_bytes(path, MAX_FILE_SIZE, "a table of touches")
+        has_name = make_name_test([*TOUCH_QUANTITIES, *electrodes])
+        is_channel = make_channel_test(choice)
+        table = parse_csv(content, str(path), lambda each: has_name(each) or is_channel(each))
+        return name_channels(table, choice, electrodes)
+    needed = [name for name in TOUCH_QUANTITIES if name != "rotation_deg"]
+    missing = [name for name in needed if not has_channel(reader, name)]
+    if missing:
+        raise FileError(
+            f"{path}: is a recording in {reader.title}, without {', '.join(missing)} of touches; give "
+            "a table with a row for each touch"
+        )
+    options = RecordingOptions(choice, needs_times=False, quantities=TOUCH_QUANTITIES)
+    recording = open_recording(path, stack, electrodes, options)
+    assert recording is not None
+    return make_recording_table(recording)
 
 
 def _list_unused_headings(table: Table, columns: Mapping[str, ChosenColumn]) -> list[str]:

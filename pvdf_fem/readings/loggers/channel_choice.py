@@ -48,7 +48,8 @@ def choose_channels(
 ) -> dict[str, LoggerChannel]:
     """Return the channels with the readings of electrodes.
 
-    Without a choice these are the channels with the names of the electrodes. Channels without
+    Without a choice these are the channels with the names of the electrodes. With a choice for some
+    electrodes, the others have the channels with their names in the same groups. Channels without
     names, such as those of a sound file, are taken in the order of the electrodes if there are as
     many of them; a note of the reader says so.
 
@@ -74,9 +75,16 @@ def choose_channels(
     channels = reader.list_channels()
     chosen: dict[str, LoggerChannel] = {}
     if choice:
+        found = {name: find_channel(reader, choice[name]) for name in electrodes if name in choice}
+        groups = {channel.group for channel in found.values()}
         for electrode in electrodes:
-            if electrode in choice:
-                chosen[electrode] = find_channel(reader, choice[electrode])
+            alike = [
+                each for each in channels if each.group in groups and _has_name(each, electrode)
+            ]
+            if electrode in found:
+                chosen[electrode] = found[electrode]
+            elif len(alike) == 1:
+                chosen[electrode] = alike[0]
     else:
         for electrode in electrodes:
             if has_channel(reader, electrode):

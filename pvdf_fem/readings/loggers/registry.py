@@ -33,6 +33,7 @@ READERS: tuple[type[LoggerReader], ...] = (
 #: Number of bytes from which a format is recognised; the signature of HDF5 may come late.
 HEAD_BYTES = 4096
 TDMS_INDEX_TAG = b"TDSh"
+NETCDF3_TAG = b"CDF"
 GZIP_TAG = b"\x1f\x8b"
 
 
@@ -61,6 +62,9 @@ def find_reader(path: Path) -> type[LoggerReader] | None:
             return reader
     if head.startswith(TDMS_INDEX_TAG):
         raise FileError(f"{path}: is the index of a TDMS file; give the file .tdms beside it")
+    if head.startswith(NETCDF3_TAG) and b"\0" in head:
+        advice = "write the data as CSV or Parquet, or convert it, as by: nccopy -k nc4 OLD NEW"
+        raise FileError(f"{path}: is NetCDF-3, which is not read; {advice}")
     by_extension = [reader for reader in READERS if path.suffix.lower() in reader.extensions]
     if by_extension and (b"\0" in head or not head):
         title = by_extension[0].title

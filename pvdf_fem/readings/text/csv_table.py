@@ -10,13 +10,14 @@ from pvdf_fem.readings.columns import Column
 from pvdf_fem.readings.table import Batches, OpenAgain, Row, Table
 from pvdf_fem.readings.text.header import Header, HeaderSearch, IsWanted
 from pvdf_fem.readings.text.lines import read_lines
-from pvdf_fem.readings.text.numbers import MAX_QUOTED, NumberReader
+from pvdf_fem.readings.text.numbers import MAX_QUOTED, NumberReader, has_number
 from pvdf_fem.readings.text.separators import (
     SEPARATOR_NAMES,
     drop_empty_end,
     find_comment_text,
     split_cells,
 )
+from pvdf_fem.readings.text.serial_monitor import rewrite_serial_lines
 
 #: Characters with which a line of comment may begin.
 _FIRST_OF_COMMENT = ("#", "%", "/", " ", "\t")
@@ -50,7 +51,7 @@ def open_csv_table(
     FileError
         If a column occurs twice.
     """
-    lines = read_lines(stream, name)
+    lines = rewrite_serial_lines(read_lines(stream, name))
     header, first_lines, notes = _find_header(lines, name, is_wanted, open_again is not None)
     _require_distinct_headings(header.columns, name)
     parser = _RowParser(header)
@@ -109,14 +110,21 @@ def _find_header(
                     found = _find_header(iter([rest[ahead:]]), name, is_wanted, is_file)
                     note = f"lines above the header {later.strip()[:MAX_QUOTED]} are not read"
                     return found._replace(notes=[note, *found.notes])
-            return _FoundHeader(header, search.lines + rest, search.notes)
+            rows = search.lines + rest
+            if is_file:
+                header, count = search.skip_labelled_rows(header, rows[:LINES_AHEAD])
+                rows = rows[count:]
+            return _FoundHeader(header, rows, search.notes)
     header = search.finish()
     return _FoundHeader(header, search.lines, search.notes)
 
 
 def _require_distinct_headings(columns: tuple[Column, ...], name: str) -> None:
-    """Raise `FileError` if two columns have the same heading, unless it is empty."""
-    headings = [column.heading for column in columns if column.heading]
+    """Raise `FileError` if two columns have the same heading, unless it is empty or a number."""
+    headings = []
+    for column in columns:
+        if column.heading and not has_number(column.heading):
+            headings.append(column.heading)
     for heading in sorted(headings):
         if headings.count(heading) > 1:
             raise FileError(f"{name}: column {heading} occurs twice; rename one")
@@ -172,9 +180,8 @@ class _RowParser:
             return ""
         if not cells:
             return "has a quote that is not closed"
-        reason = (
-            f"has {len(cells)} cells between {SEPARATOR_NAMES[self.separator]}, not {self.count}"
-        )
+        count = "1 cell" if len(cells) == 1 else f"{len(cells)} cells"
+        reason = f"has {count} between {SEPARATOR_NAMES[self.separator]}, not {self.count}"
         if self.separator == "," and len(cells) > self.count:
             reason += " (numbers with decimal commas need quotes, or semicolons between them)"
         return reason

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pvdf_fem.readings.columns import Column, add_units, parse_heading, parse_unit_row
 from pvdf_fem.readings.text.numbers import MAX_QUOTED, has_number
 from pvdf_fem.readings.text.separators import (
+    NEVER_IN_NAMES,
     SEPARATORS,
     drop_empty_end,
     find_comment_text,
@@ -101,9 +102,9 @@ class _Candidate:
         for separator in (self.separator, *others):
             cells = split_cells(line, separator)
             has_all = len(cells) >= len(self.columns) >= len(drop_empty_end(cells))
-            if has_all and (_has_only_numbers(cells) or self._has_numbers(cells)):
+            if has_all and (_has_only_numbers(cells) or self.has_numbers(cells)):
                 return separator
-        if self._has_numbers(split_cells(line, self.separator)):
+        if self.has_numbers(split_cells(line, self.separator)):
             return self.separator
         return None
 
@@ -116,7 +117,7 @@ class _Candidate:
         lacks_wanted = any(index >= count for index in self.wanted)
         return len(self.columns) if lacks_wanted else min(count, len(self.columns))
 
-    def _has_numbers(self, cells: Sequence[str]) -> bool:
+    def has_numbers(self, cells: Sequence[str]) -> bool:
         """Return whether half of the cells in the columns with wanted names are numbers."""
         count = 0
         for index in self.wanted:
@@ -173,6 +174,46 @@ class HeaderSearch:
         waits = self.candidates or self.rows_without_header < ROWS_WITHOUT_HEADER
         return None if waits and len(self.lines) < MAX_PREAMBLE else self.finish()
 
+    def skip_labelled_rows(self, header: Header, rows: Sequence[str]) -> tuple[Header, int]:
+        """Skip the rows below the header that describe the channels, such as their units.
+
+        Their first cell is a label, as in ``"VUnit","V","V"``. They are rows of numbers if the
+        first cells below them are labels, too, as in a column of notes.
+
+        Parameters
+        ----------
+        header : Header
+            The header that was found.
+        rows : sequence of str
+            Lines of a file below it, in which the first rows of numbers are sought.
+
+        Returns
+        -------
+        header : Header
+            The header, with the units of such a row.
+        count : int
+            Number of lines to skip.
+        """
+        if self.found is None or 0 in self.found.wanted:
+            return header, 0
+        labelled = []
+        for line in rows:
+            cells = split_cells(line, header.separator)
+            if cells and cells[0].strip() and not _is_number_or_time(cells[0]):
+                labelled.append(cells)
+                continue
+            if not labelled or not self.found.has_numbers(cells):
+                return header, 0
+            break
+        else:
+            return header, 0
+        columns = header.columns
+        for cells in labelled:
+            units = [None, *(parse_unit_row(cells[1:]) or [])]
+            if all(index < len(units) and units[index] for index in self.found.wanted):
+                columns = add_units(columns, units, self.name)
+        return replace(header, columns=columns), len(labelled)
+
     def is_surpassed_by(self, line: str) -> bool:
         """Return whether a line below the header has more of the wanted names than the header."""
         candidate = self._make_candidate(line)
@@ -183,14 +224,16 @@ class HeaderSearch:
     def finish(self) -> Header:
         """Return the most likely header of a table that has no row of numbers.
 
-        If no line has a wanted name, it is the last line before the first row of numbers.
+        If no line has a wanted name, it is the last line before the first row of numbers, but for
+        one of units.
         """
         for candidate in self._rank_candidates():
             return self._make_header(candidate, candidate.separator, len(candidate.columns))
         header_line = self._find_line_before_numbers()
         if header_line is None:
             return Header((), ",", needed=0)
-        separator = max(self.separators, key=lambda each: len(split_cells(header_line, each)))
+        separators = self._list_separators_of(header_line)
+        separator = max(separators, key=lambda each: len(split_cells(header_line, each)))
         index = self.lines.index(header_line)
         columns = _parse_columns(split_cells(header_line, separator))
         candidate = _Candidate(columns, separator, wanted=(), lines_before=index)
@@ -205,7 +248,7 @@ class HeaderSearch:
         text = find_comment_text(line)
         text = line if text is None else text
         best: _Candidate | None = None
-        for separator in self.separators:
+        for separator in self._list_separators_of(text):
             columns = _parse_columns(split_cells(text, separator))
             wanted = [i for i, column in enumerate(columns) if self.is_wanted(column)]
             others = [column for column in columns if not self.is_wanted(column)]
@@ -216,6 +259,16 @@ class HeaderSearch:
             if wanted and (best is None or len(wanted) > len(best.wanted)):
                 best = _Candidate(columns, separator, tuple(wanted), len(self.lines) - 1)
         return best
+
+    def _list_separators_of(self, line: str) -> tuple[str, ...]:
+        """Return the possible separators of a header: no blanks if it has other separators.
+
+        In ``Channel A;Channel B`` the blanks are part of the names.
+        """
+        if not any(separator in line for separator in NEVER_IN_NAMES):
+            return self.separators
+        others = tuple(separator for separator in self.separators if separator != " ")
+        return others or self.separators
 
     def _make_header(self, candidate: _Candidate, separator: str, needed: int) -> Header:
         """Return a candidate as the header, with the units in a row below it.
@@ -251,13 +304,23 @@ class HeaderSearch:
         splits = [split_cells(line, separator) for separator in self.separators]
         return any(_has_only_numbers(cells) for cells in splits)
 
+    def _is_row_of_units(self, line: str) -> bool:
+        """Return whether a line has only units, for any of the separators."""
+        for separator in self.separators:
+            cells = split_cells(line, separator)
+            units = parse_unit_row(cells)
+            if len(cells) > 1 and units is not None and None not in units:
+                return True
+        return False
+
     def _find_line_before_numbers(self) -> str | None:
         """Return the last line before the first row of numbers, or the first line of all."""
         previous = None
         for line in self._list_uncommented_lines():
             if previous is not None and self._is_row_of_numbers(line):
                 return previous
-            previous = line
+            if previous is None or not self._is_row_of_units(line):
+                previous = line
         return next(self._list_uncommented_lines(), None)
 
     def _list_uncommented_lines(self) -> Iterator[str]:
@@ -281,7 +344,10 @@ def _describe_unknown_units(
     units : sequence of Unit or None
         The units in the cells.
     """
-    for column, cell, unit in zip(columns, cells, units, strict=False):
+    has_label = units[0] is None and None not in units[1:]
+    for index, (column, cell, unit) in enumerate(zip(columns, cells, units, strict=False)):
+        if has_label and index == 0:
+            continue  # a label such as VUnit, in front of the units of all other columns
         if cell.strip() and unit is None:
             yield f"column {column.heading}: the unit {cell.strip()[:MAX_QUOTED]!r} is not known"
 

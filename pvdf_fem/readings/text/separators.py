@@ -8,6 +8,8 @@ import re
 #: The separators in the order in which they are preferred. A blank stands for runs of blanks and
 #: tabs.
 SEPARATORS = (";", "\t", "|", ",", " ")
+#: Separators that do not occur in the names of columns, where commas and blanks do.
+NEVER_IN_NAMES = (";", "\t", "|")
 SEPARATOR_NAMES = {
     ";": "semicolons",
     "\t": "tabs",

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem import Scene, calibrate
+from pvdf_fem.files import FileError
 from pvdf_fem.inverse.calibration import reading_model
 from pvdf_fem.inverse.calibration.parameters import get_parameter, select_parameters
 from pvdf_fem.inverse.calibration.reading_model import ReadingModel
@@ -338,6 +339,25 @@ def test_readings_that_are_marked_as_beyond_the_range_are_clipped(calibration):
     marked = columns | {"A": np.full_like(readings, np.inf)}
     with pytest.raises(ValueError, match="column A: is beyond the range in every row"):
         calibrate(SCENE, marked, UNKNOWN, unit="pC")
+
+
+def test_touches_are_read_from_the_files_of_loggers(tmp_path):
+    """A sample for each touch, with electrodes by the names of their channels in the scene."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    pyarrow = pytest.importorskip("pyarrow")
+    columns = make_columns(sigma=0.01, place_sd=0.3)
+    named = {("ai7" if name == "B" else name): values for name, values in columns.items()}
+    path = tmp_path / "touches.parquet"
+    parquet.write_table(pyarrow.table(named), path)
+    sensor = SCENE.with_(readout={"unit": "pC", "channels": {"B": "ai7"}}, uncertain=UNCERTAIN)
+    touches = read_touches(str(path), sensor)
+    expected = read_touches(columns, SCENE)
+    assert touches.readings.tolist() == expected.readings.tolist()
+    assert touches.probe_loads.tolist() == expected.probe_loads.tolist()
+    del named["x_mm"]
+    parquet.write_table(pyarrow.table(named), path)
+    with pytest.raises(FileError, match="Parquet, without x_mm of touches"):
+        read_touches(path, SCENE)
 
 
 def test_touches_without_a_reading_that_is_not_clipped_are_left_out():

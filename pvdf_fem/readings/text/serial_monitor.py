@@ -1,0 +1,100 @@
+"""Lines as programs print them on serial monitors: labelled numbers, and times before an arrow."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from pvdf_fem.readings.text.numbers import has_number
+
+#: Number of lines in which such a line must be, for a text to be one of a serial monitor.
+MAX_LINES = 50
+
+#: A time of day that a monitor puts in front of a line.
+_ARROW = re.compile(r"\s*(\d{1,2}:\d{2}:\d{2}[.,]\d+)\s+->\s+(.*)")
+#: A number with a label, as plotters of serial ports read it, such as ``A:0.5``.
+_LABELLED = re.compile(r"([^\W\d][\w.]*)\s*[:=]\s*([-+.\dA-Za-z]+)")
+#: Such numbers with separators between them.
+_LABELLED_LINE = re.compile(
+    rf"\s*{_LABELLED.pattern}(?:(?:\s*[,;]\s*|\s+){_LABELLED.pattern})*[\s,;]*"
+)
+
+
+def rewrite_serial_lines(lines: Iterator[list[str]]) -> Iterator[list[str]]:
+    """Yield the lines of a table; those of a serial monitor become rows below a header.
+
+    Lines of numbers with labels, such as ``A:0.5,B:0.7`` or ``A=0.5 B=0.7``, become rows between
+    commas, in the order of the first such line; a label that is missing leaves its cell empty.
+    A time of day before an arrow, as in ``10:00:00.125 -> 0.5,0.7``, becomes the first cell. All
+    other texts are unchanged.
+
+    Parameters
+    ----------
+    lines : iterator of list of str
+        Lines as they arrive.
+    """
+    rewriter = _LineRewriter()
+    count = 0
+    for batch in lines:
+        if count >= MAX_LINES and not rewriter.is_needed:
+            yield batch
+            continue
+        count += len(batch)
+        rewritten: list[str] = []
+        for line in batch:
+            rewritten += rewriter.rewrite(line)
+        yield rewritten
+
+
+class _LineRewriter:
+    """Rewrites lines one by one; the first labelled line decides the columns."""
+
+    def __init__(self) -> None:
+        self.has_arrows = False
+        self.labels: list[str] = []
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether a line of a serial monitor has occurred."""
+        return self.has_arrows or bool(self.labels)
+
+    def rewrite(self, line: str) -> list[str]:
+        """Return the line, or the rows that it becomes: with the header before the first one."""
+        arrow = _ARROW.fullmatch(line)
+        time = ""
+        if arrow is not None:
+            self.has_arrows = True
+            time = arrow[1].replace(",", ".")
+            line = arrow[2]
+        labelled = self._rewrite_labelled(line, time)
+        if labelled:
+            return labelled
+        if arrow is None:
+            return [line]
+        separator = _guess_separator(line)
+        is_header = not any(map(has_number, line.split(separator)))
+        return [f"{'time' if is_header else time}{separator}{line}"]
+
+    def _rewrite_labelled(self, line: str, time: str) -> list[str]:
+        """Return the row of a line with labels, with the header before the first; else nothing."""
+        if (":" not in line and "=" not in line) or not _LABELLED_LINE.fullmatch(line):
+            return []
+        cells = dict(_LABELLED.findall(line))
+        is_single = len(cells) < 2 and not self.labels  # as in a preamble: "Rate: 1000"
+        if is_single or not all(map(has_number, cells.values())):
+            return []
+        rows = []
+        if not self.labels:
+            self.labels = list(cells)
+            rows.append(",".join([*(["time"] if time else []), *self.labels]))
+        values = [cells.get(label, "") for label in self.labels]
+        rows.append(",".join([*([time] if time else []), *values]))
+        return rows
+
+
+def _guess_separator(line: str) -> str:
+    """Return the separator of a line after an arrow: a semicolon, tab, comma or blank."""
+    for separator in ";\t,":
+        if separator in line:
+            return separator
+    return " " if " " in line.strip() else ","
