@@ -6,8 +6,11 @@ import io
 import os
 import re
 import shlex
+import wave
 from importlib.util import find_spec
 
+import nptdms
+import numpy as np
 import pytest
 
 from pvdf_fem.cli.main import make_command_parsers, make_parser
@@ -153,6 +156,21 @@ TWELVE_TOUCHES = "x_mm,y_mm,rotation_deg,force_N,A,B,C,D\n" + "".join(
 )
 
 
+def write_recordings(folder):
+    """Write the recordings that examples name, of four silent channels."""
+    samples = np.zeros((100, 4))
+    with wave.open(str(folder / "recording.wav"), "wb") as sound:
+        sound.setnchannels(4)
+        sound.setsampwidth(2)
+        sound.setframerate(1000)
+        sound.writeframes(samples.astype("<i2").tobytes())
+    with nptdms.TdmsWriter(str(folder / "recording.tdms")) as writer:
+        increment = {"wf_increment": 1e-3}
+        for number, values in enumerate(samples.T):
+            channel = nptdms.ChannelObject("Group", f"ai{number}", values, increment)
+            writer.write_segment([channel])
+
+
 def find_examples(parser):
     """Return the command lines in the epilog of a parser, without `pvdf-fem` and redirections."""
     text = parser.epilog.replace("\\\n", " ")
@@ -180,6 +198,7 @@ def test_examples_in_the_help_are_accepted(folder, work_begun, command, monkeypa
     files |= {"own.py": OWN_KIND, "touches.csv": TWELVE_TOUCHES}
     for name, text in files.items():
         folder.joinpath(name).write_text(text)
+    write_recordings(folder)
     words = shlex.split(example)
     piped = "signals.csv" if words[0] == "track" else "readings.csv"
     stdin = io.TextIOWrapper(io.BytesIO(folder.joinpath(piped).read_bytes()))

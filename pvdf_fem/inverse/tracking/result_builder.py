@@ -87,11 +87,11 @@ class ResultBuilder:
                 chosen.append(name)
         return " ".join(chosen)
 
-    def list_missing(self, sample: FilteredSample) -> str:
-        """Return the names of the channels without a reading, separated by spaces."""
-        if not math.isnan(sum(sample.voltages)):
+    def list_missing(self, voltages: Sequence[float]) -> str:
+        """Return the names of the channels without a voltage, separated by spaces."""
+        if not math.isnan(sum(voltages)):
             return ""
-        return self._join_names(list(map(math.isnan, sample.voltages)))
+        return self._join_names(list(map(math.isnan, voltages)))
 
     def make_row_without_readings(self, time_s: float, before: TrackRow) -> TrackRow:
         """Make the row of a sample in which all readings are missing, after another row."""
@@ -110,7 +110,7 @@ class ResultBuilder:
             Number of the touch.
         """
         locator = contact.locator
-        missing = self.list_missing(sample)
+        missing = self.list_missing(sample.voltages)
         clipped = self._join_names(sample.is_clipped) if any(sample.is_clipped) else ""
         if locator.candidates is None:
             return TrackRow(

@@ -182,15 +182,15 @@ class Tracker:
             If a name is unknown, the number of readings is wrong, or one is not a number.
         """
         time_s = self._input.coerce_time(t)
-        waiting = self._waiting
-        waiting.extend(self._signal.receive(time_s, self._input.compute_voltages(readings)))
-        is_behind = not waiting
+        voltages = self._input.compute_voltages(readings)
+        self._waiting.extend(self._signal.receive(time_s, voltages))
+        is_behind = not self._waiting
         for _ in range(MAX_SAMPLES_AT_ONCE):
-            if not waiting:
-                break
-            self._process(waiting.popleft())
-        if is_behind or waiting:
-            self._row = self._row.copy_with(t_s=time_s)
+            if self._waiting:
+                self._process(self._waiting.popleft())
+        if is_behind or self._waiting:
+            missing = self._results.list_missing(voltages)
+            self._row = self._row.copy_with(t_s=time_s, missing=missing)
         return self._row
 
     def finish(self) -> TrackRow:
@@ -311,7 +311,7 @@ class Tracker:
         if contact_samples:
             self._begin_contact(contact_samples, watch)
             return
-        missing = self._results.list_missing(sample)
+        missing = self._results.list_missing(sample.voltages)
         self._row = QUIET_ROW.copy_with(t_s=sample.time_s, missing=missing)
 
     def _begin_contact(self, samples: Sequence[FilteredSample], watch: ContactWatch) -> None:
