@@ -311,9 +311,9 @@ class _Session:
         return ExitCode.NOT_CONVERGED if is_incomplete else ExitCode.CONVERGED
 
     def _print_notes(self) -> None:
-        """Print the notes of the tracker that are new, not only in their numbers."""
+        """Print the notes of the tracker that are new, not only in their numbers and channels."""
         for note in self.tracker.notes:
-            subject = re.sub(r"\d+", "", note)
+            subject = re.sub(r"\d+ of [^:]*|\d+", "", note)
             if subject not in self.printed_notes:
                 self.printed_notes.add(subject)
                 self._print_message(f"{self.name}: {note}")

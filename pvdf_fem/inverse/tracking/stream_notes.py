@@ -30,11 +30,12 @@ class StreamNotes:
         """All sentences; the numbers in them grow with the stream."""
         sentences = []
         for name, count in self.step_counts.items():
-            sentences.append(f"the offset of {name} stepped {count} times: it was learned again")
+            times = "once" if count == 1 else f"{count} times"
+            sentences.append(f"the offset of {name} stepped {times}: it was learned again")
         if self.faint_count:
             sentences.append(
-                f"{self.faint_count} disturbances stayed within the errors of their charges, and "
-                f"are not reported as touches"
+                "disturbances that stayed within the errors of their charges, and are not reported "
+                f"as touches: {self.faint_count}"
             )
         return [*sentences, *self._sentences]
 

@@ -123,7 +123,7 @@ class Tracker:
         self._settled_at_s = math.nan
         #: Samples that are decided, but not processed yet.
         self._waiting: deque[FilteredSample] = deque()
-        self._row = TrackRow(math.nan, TrackStatus.SETTLING)
+        self._row = TrackRow(math.nan, TrackStatus.SETTLING, settling_s=self._settling_s)
         self._notes = StreamNotes()
         self._unexplained_peaks: list[ChargeSample] = []
 
