@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
@@ -11,6 +12,7 @@ from pvdf_fem.readings.selection import choose_times
 from pvdf_fem.readings.table import Batches, Row, Table
 from pvdf_fem.readings.units import UNITS
 
+_WORDS = re.compile(r"\w+")
 #: Added to the headings of columns whose names another column has been given.
 OTHER_SUFFIX = " of the file"
 
@@ -77,14 +79,14 @@ def name_channels(table: Table, choice: Mapping[str, str], electrodes: Collectio
 
 
 def suggest_channels(columns: Sequence[Column], electrodes: Sequence[str]) -> str:
-    """Return an example of a choice to type, with the columns that end with names of electrodes.
+    """Return an example of a choice to type, with the columns that have the names of electrodes.
 
     Such as ``A=Channel A,B=Channel B``; without such columns it has the word NAME.
     """
     pairs = []
     for electrode in electrodes:
         for column in columns:
-            if column.name.split()[-1:] == [electrode]:
+            if electrode in _WORDS.findall(column.name):
                 pairs.append(f"{electrode}={column.name}")
                 break
     return ",".join(pairs) or f"{electrodes[0]}=NAME"

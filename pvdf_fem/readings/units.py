@@ -80,6 +80,8 @@ _SPELLINGS = {
     "nanoseconds": "ns",
     "volt": "V",
     "volts": "V",
+    "vdc": "V",
+    "mvdc": "mV",
     "millivolt": "mV",
     "millivolts": "mV",
     "microvolt": "µV",

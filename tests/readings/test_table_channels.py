@@ -115,7 +115,12 @@ def test_a_rate_is_refused_for_a_table_with_times():
         open_named("t_s,A,B\n0,1,2\n", {}, rate_Hz=100.0)
 
 
-def test_the_advice_names_the_columns_that_end_with_names_of_electrodes():
+def test_the_advice_names_the_columns_with_the_names_of_electrodes():
     table = parse_csv(b"Time;Kanal A;Kanal B [V]\n0;1,5;2\n", "a file", make_name_test(ELECTRODES))
     assert suggest_channels(table.columns, ELECTRODES) == "A=Kanal A,B=Kanal B"
+    table = parse_csv(b"A (raw),B (raw)\n1,2\n", "a file", make_name_test(ELECTRODES))
+    assert suggest_channels(table.columns, ELECTRODES) == "A=A (raw),B=B (raw)"
+
+
+def test_the_advice_without_such_columns_has_a_word_to_replace():
     assert suggest_channels([], ELECTRODES) == "A=NAME"

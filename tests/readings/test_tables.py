@@ -59,6 +59,7 @@ def test_numbers_are_read_as_they_are_meant(cells, values):
         ("note,A,B\nx,0.5,1\n", [[0.5, 1.0]]),
         ("B, a \n1,0.5\n", [[0.5, 1.0]]),
         ("A;B_raw;C (left)\n0.5;9;9\n", [[0.5]]),
+        ("A,B (raw),C (raw)\n0.5,9,9\n", [[0.5]]),
         ("A,a,B\n1,9,2\n", [[1.0, 2.0]]),
         ("A,B,comment\n0.5,1\n0.6,1,later\n", [[0.5, 1.0], [0.6, 1.0]]),
         ("A;B;\n0.5;1\n0.6;1;\n", [[0.5, 1.0], [0.6, 1.0]]),
@@ -72,6 +73,7 @@ def test_numbers_are_read_as_they_are_meant(cells, values):
         ("A;B\n1.041;2.113\n0.5;1\n", [[1.041, 2.113], [0.5, 1.0]]),
         ("A;B;note\n1.041;2;x\n3;4;241,5\n", [[1041.0, 2.0], [3.0, 4.0]]),
         ('"Name","A","B"\n"Size","2","2"\n"Rate","1e3"\n"","0.5","1"\n', [[0.5, 1.0]]),
+        ("Name,A,B\nref,0.5,1\n1,0.6,2\n", [[0.5, 1.0], [0.6, 2.0]]),
         ("Name;A;B\nx;0,5;1\ny;0,6;2\n", [[0.5, 1.0], [0.6, 2.0]]),
         ("boot\nA:0.5,B:1\nA:0.6,B:2\n", [[0.5, 1.0], [0.6, 2.0]]),
         ("A=0.5 B=1\nB=2\n", [[0.5, 1.0], [math.nan, 2.0]]),
@@ -96,6 +98,12 @@ def test_times_that_a_serial_monitor_adds_are_read(lines, is_live):
     stamped = [f"10:00:00.{125 * i:03d} -> {line}" for i, line in enumerate(lines)]
     read = read_table("\n".join([*stamped, ""]), is_live=is_live)
     assert read.rows == [[0.0, 0.5, 1.0], [0.125, 0.6, 2.0]]
+
+
+def test_labels_below_rows_of_numbers_are_not_those_of_a_serial_monitor():
+    read = read_table("A,B\n0.5,1\nA=7,B=8\n0.6,2\n")
+    assert [read.rows[0], read.rows[2]] == [[0.5, 1.0], [0.6, 2.0]]
+    assert "'A=7' is not a number" in str(read.rows[1])
 
 
 def test_units_are_found_in_a_block_below_the_header():
@@ -169,6 +177,7 @@ def test_words_in_place_of_numbers_are_counted():
         ("A;B\n[pC];[pC]", "pC", [1.5, 2.0]),
         ("A (mV);B\n(mV);(V)", "V", [0.0015, 2.0]),
         ("reading_pC.A;reading_pC.B", "pC", [1.5, 2.0]),
+        ("A (VDC);B (mVDC)", "V", [1.5, 0.002]),
         ("A;B", None, [1.5, 2.0]),
     ],
 )

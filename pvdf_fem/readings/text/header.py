@@ -28,6 +28,9 @@ ROWS_WITHOUT_HEADER = 3
 #: A line that separates the header from the rows in tables for people to read.
 _RULE = re.compile(r"[-+=|: \t]*(?:--|==)[-+=|: \t]*")
 
+#: A comma that is not the end of a word, and separates cells rather than a name from its unit.
+_COMMA_IN_WORD = re.compile(r"\S,\S")
+
 IsWanted = Callable[[Column], bool]  #: Whether a column has one of the names that are wanted.
 
 
@@ -177,8 +180,9 @@ class HeaderSearch:
     def skip_labelled_rows(self, header: Header, rows: Sequence[str]) -> tuple[Header, int]:
         """Skip the rows below the header that describe the channels, such as their units.
 
-        Their first cell is a label, as in ``"VUnit","V","V"``. They are rows of numbers if the
-        first cells below them are labels, too, as in a column of notes.
+        Their first cell is a label, as in ``"VUnit","V","V"``, and at least one of them is no row
+        of numbers. A note names them. They are rows of numbers if the first cells below them are
+        labels, too, as in a column of notes.
 
         Parameters
         ----------
@@ -207,6 +211,15 @@ class HeaderSearch:
             break
         else:
             return header, 0
+        described = [
+            cells
+            for cells in labelled
+            if len(cells) < header.needed or not self.found.has_numbers(cells)
+        ]
+        if not described:
+            return header, 0
+        labels = ", ".join(cells[0].strip()[:MAX_QUOTED] for cells in labelled)
+        self.notes.append(f"rows below the header that describe it are not read: {labels}")
         columns = header.columns
         for cells in labelled:
             units = [None, *(parse_unit_row(cells[1:]) or [])]
@@ -263,9 +276,10 @@ class HeaderSearch:
     def _list_separators_of(self, line: str) -> tuple[str, ...]:
         """Return the possible separators of a header: no blanks if it has other separators.
 
-        In ``Channel A;Channel B`` the blanks are part of the names.
+        In ``Channel A;Channel B`` and ``A (raw),B (raw)`` the blanks are part of the names.
         """
-        if not any(separator in line for separator in NEVER_IN_NAMES):
+        has_others = any(separator in line for separator in NEVER_IN_NAMES)
+        if not has_others and not _COMMA_IN_WORD.search(line):
             return self.separators
         others = tuple(separator for separator in self.separators if separator != " ")
         return others or self.separators
@@ -305,13 +319,9 @@ class HeaderSearch:
         return any(_has_only_numbers(cells) for cells in splits)
 
     def _is_row_of_units(self, line: str) -> bool:
-        """Return whether a line has only units, for any of the separators."""
-        for separator in self.separators:
-            cells = split_cells(line, separator)
-            units = parse_unit_row(cells)
-            if len(cells) > 1 and units is not None and None not in units:
-                return True
-        return False
+        """Return whether a line is a row of units, for any of the separators."""
+        splits = [split_cells(line, separator) for separator in self.separators]
+        return any(len(cells) > 1 and parse_unit_row(cells) is not None for cells in splits)
 
     def _find_line_before_numbers(self) -> str | None:
         """Return the last line before the first row of numbers, or the first line of all."""

@@ -12,6 +12,7 @@ MAX_LINES = 50
 
 #: A time of day that a monitor puts in front of a line.
 _ARROW = re.compile(r"\s*(\d{1,2}:\d{2}:\d{2}[.,]\d+)\s+->\s+(.*)")
+_FIRST_CELL = re.compile(r"[;,|\s]")
 #: A number with a label, as plotters of serial ports read it, such as ``A:0.5``.
 _LABELLED = re.compile(r"([^\W\d][\w.]*)\s*[:=]\s*([-+.\dA-Za-z]+)")
 #: Such numbers with separators between them.
@@ -36,13 +37,13 @@ def rewrite_serial_lines(lines: Iterator[list[str]]) -> Iterator[list[str]]:
     rewriter = _LineRewriter()
     count = 0
     for batch in lines:
-        if count >= MAX_LINES and not rewriter.is_needed:
+        if rewriter.is_table or (count >= MAX_LINES and not rewriter.is_needed):
             yield batch
             continue
         count += len(batch)
         rewritten: list[str] = []
         for line in batch:
-            rewritten += rewriter.rewrite(line)
+            rewritten += [line] if rewriter.is_table else rewriter.rewrite(line)
         yield rewritten
 
 
@@ -50,6 +51,7 @@ class _LineRewriter:
     """Rewrites lines one by one; the first labelled line decides the columns."""
 
     def __init__(self) -> None:
+        self.is_table = False  #: Whether numbers have come first, so that no line is rewritten.
         self.has_arrows = False
         self.labels: list[str] = []
 
@@ -70,6 +72,7 @@ class _LineRewriter:
         if labelled:
             return labelled
         if arrow is None:
+            self.is_table = not self.is_needed and has_number(_FIRST_CELL.split(line.strip())[0])
             return [line]
         separator = _guess_separator(line)
         is_header = not any(map(has_number, line.split(separator)))
