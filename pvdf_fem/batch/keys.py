@@ -12,7 +12,16 @@ from pvdf_fem.scene.keys import Affects, select_by_effect
 from pvdf_fem.scene.scene import Scene
 
 #: Folders of the package whose code influences the numbers of a record.
-NUMERICAL_FOLDERS = ("scene", "mesh", "film", "problem", "electrodes", "solver", "batch")
+NUMERICAL_FOLDERS = (
+    "readings",
+    "scene",
+    "mesh",
+    "film",
+    "problem",
+    "electrodes",
+    "solver",
+    "batch",
+)
 #: Libraries whose versions influence the numbers of a record.
 NUMERICAL_PACKAGES = ("gmsh", "numpy", "scikit-fem", "scipy")
 

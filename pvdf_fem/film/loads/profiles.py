@@ -22,9 +22,6 @@ import shapely
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import FileError, read_bytes
 from pvdf_fem.film.loads.load_spec import LoadSpec, Pressure, format_function_name
-from pvdf_fem.readings.formats import parse_csv
-from pvdf_fem.readings.selection import NumberColumns, choose_column, choose_quantity
-from pvdf_fem.readings.text.header import make_name_test
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import average_over, rotate
 from pvdf_fem.scene.placed.probe import find_load_key
@@ -282,6 +279,11 @@ def _read_csv(name: str, content: bytes) -> _GridTable:
 
     Raises `ValueError` unless the rows have one finite pressure for every point of a grid.
     """
+    # Few scenes have a profile in a file.
+    from pvdf_fem.readings.formats import parse_csv
+    from pvdf_fem.readings.selection import NumberColumns, choose_column, choose_quantity
+    from pvdf_fem.readings.text.header import make_name_test
+
     table = parse_csv(content, name, make_name_test(["x_mm", "y_mm", "pressure"]))
     columns = [choose_quantity(table, "x_mm"), choose_quantity(table, "y_mm")]
     columns.append(choose_column(table, "pressure"))

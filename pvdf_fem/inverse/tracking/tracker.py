@@ -106,7 +106,7 @@ class Tracker:
         self._circuit = ReadoutCircuit.from_channels(self._channels)
         self._input = ReadingInput(self._names, self._circuit, self._unit)
         self._problem = ContactProblem.from_response(
-            self.response, fixed, options, include_calibration
+            self.response, fixed, options, coerce("include_calibration", include_calibration, bool)
         )
         self._results = ResultBuilder(self._problem, self._names)
         readout = scene.readout or Readout()
