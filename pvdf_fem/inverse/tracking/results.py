@@ -72,7 +72,9 @@ class TrackRow(Result):
             line += "; not located"
         if self.touch and self.status not in (TrackStatus.TOUCH, TrackStatus.STARTING):
             line += f"; {self.status}"
-        if self.alternatives and math.isnan(self.force_N):
+        if self.status == TrackStatus.CLIPPED:
+            line += ": too few channels are within their range at the peak"
+        elif self.alternatives and math.isnan(self.force_N):
             line += ": the force is far above the model's largest"
         if self.missing:
             line += f"; without {self.missing} for a while"
