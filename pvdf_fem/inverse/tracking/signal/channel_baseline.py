@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from pvdf_fem.inverse.tracking.signal.decay_fit import DecayFit
+from pvdf_fem.inverse.tracking.signal.decay_fit import DecayFit, compute_decay
 
 #: A channel takes part in the detection of contacts when its line holds this many samples.
 MIN_LINE_SAMPLES = 8
@@ -43,7 +43,7 @@ class ChannelSnapshot(NamedTuple):
 
     def predict_residual(self, time_s: float) -> float:
         """Predict the residual voltage of the last contact in V."""
-        return self.residual * self._compute_decay(time_s)
+        return self.residual * compute_decay(self.decay_rate, time_s - self.residual_at_s)
 
     def compute_error(self, time_s: float, interval_s: float) -> float:
         """Compute the standard error of the predicted voltage in V.
@@ -57,17 +57,13 @@ class ChannelSnapshot(NamedTuple):
         interval_s : float
             Sampling interval.
         """
-        count = self.line_count
         extrapolated = (time_s - self.time_s) / interval_s
-        line_error = 2.0 / math.sqrt(count) * (1.0 + extrapolated / count)
+        line_error = _compute_line_error(self.line_count, extrapolated)
         residual_error = 0.0
         if self.residual:
-            residual_error = self._compute_decay(time_s) / math.sqrt(self.residual_count)
+            decay = compute_decay(self.decay_rate, time_s - self.residual_at_s)
+            residual_error = decay / math.sqrt(self.residual_count)
         return self.noise_V * math.hypot(line_error, self.drift_error, residual_error)
-
-    def _compute_decay(self, time_s: float) -> float:
-        """Compute the fraction of the residual that remains at a given time."""
-        return math.exp(-self.decay_rate * max(time_s - self.residual_at_s, 0.0))
 
 
 class ChannelBaseline:
@@ -154,7 +150,7 @@ class ChannelBaseline:
             level=self._level,
             slope=self._slope,
             noise_V=self.noise_V,
-            line_count=max(min(self.line_count, 3.2 * self._memory), 1.0),
+            line_count=self._equivalent_count,
             residual=self._residual,
             residual_at_s=self._residual_at_s,
             residual_count=self._residual_count,
@@ -243,7 +239,7 @@ class ChannelBaseline:
 
     def _compute_decay(self, time_s: float) -> float:
         """Compute the fraction of the residual that remains at a given time."""
-        return math.exp(-self._decay_rate * max(time_s - self._residual_at_s, 0.0))
+        return compute_decay(self._decay_rate, time_s - self._residual_at_s)
 
     def compute_relative_error(self, time_s: float, interval_s: float) -> float:
         """Compute the standard error of the predicted voltage, relative to the noise.
@@ -273,10 +269,14 @@ class ChannelBaseline:
 
     def _compute_line_error(self, time_s: float, interval_s: float) -> float:
         """Compute the error of the line; see `compute_relative_error`."""
-        # A line through 3.2 m samples is as accurate as the filter: 4/(3.2 m) = 5/(4 m).
-        count = max(min(self.line_count, 3.2 * self._memory), 1.0)
         extrapolated = (time_s - self.time_s) / interval_s
-        return 2.0 / math.sqrt(count) * (1.0 + extrapolated / count)
+        return _compute_line_error(self._equivalent_count, extrapolated)
+
+    @property
+    def _equivalent_count(self) -> float:
+        """Number of samples of the least-squares line that is as accurate as the filter."""
+        # A line through 3.2 m samples is as accurate as the filter: 4/(3.2 m) = 5/(4 m).
+        return max(min(self.line_count, 3.2 * self._memory), 1.0)
 
     def stop_uncertain_slope(self, time_s: float, interval_s: float) -> None:
         """Set the slope to zero if the line would be too uncertain after a pause.
@@ -435,3 +435,16 @@ class ChannelBaseline:
         self.noise_variance = variance
         noise_V = math.sqrt(variance)
         self.noise_V = noise_V if noise_V > self._min_noise_V else self._min_noise_V
+
+
+def _compute_line_error(count: float, extrapolated: float) -> float:
+    """Compute the standard error of a least-squares line, relative to the noise of a sample.
+
+    Parameters
+    ----------
+    count : float
+        Number of samples on the line.
+    extrapolated : float
+        Number of sampling intervals since the last of them.
+    """
+    return 2.0 / math.sqrt(count) * (1.0 + extrapolated / count)

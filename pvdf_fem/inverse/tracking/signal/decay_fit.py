@@ -15,6 +15,19 @@ class DecayingVoltage(NamedTuple):
     relative_error: float
 
 
+def compute_decay(decay_rate: float, duration_s: float) -> float:
+    """Compute the fraction of a voltage that remains after a duration.
+
+    Parameters
+    ----------
+    decay_rate : float
+        Rate 1/(R C) in 1/s.
+    duration_s : float
+        Duration; a negative one counts as 0, since a residual is not known before its time.
+    """
+    return math.exp(-decay_rate * max(duration_s, 0.0))
+
+
 class DecayFit:
     """Least-squares fit of V(t) = L + R exp(-t/(R C)) to samples that come one by one.
 
@@ -38,7 +51,7 @@ class DecayFit:
         """Add a sample of the voltage in V."""
         if not self.count:
             self._start_s = time_s
-        decay = math.exp(-self._decay_rate * (time_s - self._start_s))
+        decay = compute_decay(self._decay_rate, time_s - self._start_s)
         self.count += 1
         self._decay = decay
         self._sum_voltage += voltage

@@ -34,11 +34,6 @@ class FilteredSample(NamedTuple):
             return False
         return all(map(math.isnan, self.voltages))
 
-    @property
-    def has_missing(self) -> bool:
-        """Whether a voltage is missing."""
-        return math.isnan(sum(self.voltages))
-
 
 @dataclass(frozen=True, eq=False)
 class SettledSamples:
