@@ -124,7 +124,7 @@ def list_units_pC(channels: Sequence[Channel]) -> dict[str, Array]:
 
 
 def get_reading_unit(scene: Scene) -> str:
-    """Return the unit of readings that do not state it: ``readout.unit``, or pC without a readout."""
+    """Return the unit of readings without one: ``readout.unit``, or pC if there is no readout."""
     return scene.readout.unit if scene.readout else "pC"
 
 

@@ -173,7 +173,7 @@ class _DayCounter:
             }
         if len(set(elapsed.values())) != 1:
             raise CellError(
-                f"{text} has a day and a month, which may be exchanged; write the date as YYYY-MM-DD"
+                f"{text} has a day and a month that may be exchanged; write the date as YYYY-MM-DD"
             )
         self._first = {order: self._first[order] for order in elapsed}
         self._last = {order: days[order] for order in elapsed}

@@ -173,7 +173,8 @@ class ChargeMap:
         errors = _cross_validate_spline(points_mm, values)[is_inner] / scale
         force_N = points.scene.load.force_N
         return cls(
-            # a map has charges on the film, which do not depend on amplifiers, stage and calibration
+            # a map has charges on the film, which do not depend on amplifiers, stage and
+            # calibration
             scene=points.scene.model_copy(
                 update={"readout": None, "stage": None, "calibration": None}
             ),

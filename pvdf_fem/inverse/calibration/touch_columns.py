@@ -144,8 +144,8 @@ def _open_file(path: Path, scene: Scene, stack: ExitStack) -> Table:
     missing = [name for name in needed if not has_channel(reader, name)]
     if missing:
         raise FileError(
-            f"{path}: is a recording in {reader.title}, without {', '.join(missing)} of touches; give "
-            "a table with a row for each touch"
+            f"{path}: is a recording in {reader.title}, without {', '.join(missing)} of touches; "
+            "give a table with a row for each touch"
         )
     options = RecordingOptions(choice, needs_times=False, quantities=TOUCH_QUANTITIES)
     recording = open_recording(path, stack, electrodes, options)

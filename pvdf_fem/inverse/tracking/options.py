@@ -29,8 +29,8 @@ class TrackOptions:
     retry_growth: float = 0.1
     #: Fraction of the sampling error that is not along the direction of the charges.
     sampling_skew: float = 0.2
-    #: Distances, in the logarithm of the force, by which the response is extrapolated to smaller and
-    #: to larger forces.
+    #: Distances, in the logarithm of the force, by which the response is extrapolated to smaller
+    #: and to larger forces.
     log_margin_below: float = 7.0
     log_margin_above: float = 2.0
 
@@ -49,12 +49,12 @@ class TrackOptions:
     max_residual_fraction: float = 0.1
     #: Number of samples after which a contact may end though its charges never exceeded the noise.
     patience_samples: int = 100
-    #: A channel is frozen and not clipped if the charges of the others are a smaller fraction of the
-    #: largest ones.
+    #: A channel is frozen and not clipped if the charges of the others are a smaller fraction of
+    #: the largest ones.
     max_clipped_fraction: float = 0.3
-    #: A channel has stepped if only its charge is left at the end: more than this number of standard
-    #: deviations and this fraction of the largest charges. Those of the others are negligible, or
-    #: within three deviations.
+    #: A channel has stepped if only its charge is left at the end: more than this number of
+    #: standard deviations and this fraction of the largest charges. Those of the others are
+    #: negligible, or within three deviations.
     min_step_deviations: float = 20.0
     min_step_fraction: float = 0.05
     #: A contact is lost if all readings are missing for longer than this time, and than this

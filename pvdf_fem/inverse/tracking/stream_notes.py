@@ -60,7 +60,7 @@ class StreamNotes:
         )
 
     def add_interval(self, interval_s: float) -> None:
-        """Say that the sampling interval is too long for touches, as by a wrong unit of the times."""
+        """Say that the sampling interval is too long for touches, as by a wrong unit of time."""
         if MAX_INTERVAL_S < interval_s < math.inf:
             self.add(
                 f"the sampling interval is {interval_s:.3g} s: are the times in ms or µs? If so, "

@@ -37,8 +37,8 @@ NETCDF3_TAG = b"CDF"
 #: First bytes of files that are not read, with what they are and what to do.
 UNREAD_TAGS = {
     b"\x1f\x8b": "is compressed by gzip; unpack it, as by: gunzip FILE",
-    b"PK\x03\x04": "is a ZIP archive, such as a workbook of Excel; save the sheet as CSV, or unpack it",
-    b"\xd0\xcf\x11\xe0": "is an old document, such as a workbook of Excel; save the sheet as CSV",
+    b"PK\x03\x04": "is a ZIP archive, such as a sheet of Excel; save it as CSV, or unpack it",
+    b"\xd0\xcf\x11\xe0": "is an old document, such as an Excel workbook; save the sheet as CSV",
 }
 
 

@@ -134,7 +134,7 @@ def _count_starts(path: Path) -> int:
 
 
 def _find_scaled_unit(properties: Any) -> str:
-    """Return the unit of the last scale of a channel, such as that of NI-DAQmx, or an empty text."""
+    """Return the unit of the last scale of a channel, such as that of NI-DAQmx, or an empty one."""
     count = int(properties.get("NI_Number_Of_Scales", 0))
     for name in (f"NI_Scale[{count - 1}]_Scaled_Units", "NI_UnitDescription"):
         if properties.get(name):

@@ -75,8 +75,8 @@ class WavReader(LoggerReader):
             if largest is None:
                 yield list(samples.T)
                 continue
-            # A converter that is full gives the largest integer, and the smallest one or that above.
-            # It is at the end of a range_V that equals the full scale.
+            # A converter that is full gives the largest integer, and the smallest one or that
+            # above. It is at the end of a range_V that equals the full scale.
             samples = np.where(samples >= largest, 1.0, samples)
             samples = np.where(samples <= -largest, -1.0, samples)
             yield list(samples.T)

@@ -226,8 +226,8 @@ class ChargeRecord:
         -------
         ChargeSample
             Smoothed charges at the time of the window's centre, with the reduced variance of their
-            noise. Channels whose readings carry little of the weight of the window count as missing,
-            those that were clipped in any of it as clipped.
+            noise. Channels whose readings carry little of the weight of the window count as
+            missing, those that were clipped in any of it as clipped.
 
         Notes
         -----

@@ -23,8 +23,8 @@ class ChargeSample:
 
     #: Noise variance in pC² that stands for a missing reading.
     MISSING: ClassVar[float] = 1e18
-    #: Readings with a larger variance are missing. Means of missing readings have a smaller variance
-    #: than each of them.
+    #: Readings with a larger variance are missing. Means of missing readings have a smaller
+    #: variance than each of them.
     MAX_VARIANCE: ClassVar[float] = 1e12
 
     time_s: float

@@ -10,8 +10,8 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.charges.sample_buffer import BufferedSamples
 
-#: A channel has a peak if its readings carry this fraction of the weight of the window: loggers that
-#: read four channels in turn leave a quarter.
+#: A channel has a peak if its readings carry this fraction of the weight of the window: loggers
+#: that read four channels in turn leave a quarter.
 MIN_MEASURED_WEIGHT = 0.15
 
 

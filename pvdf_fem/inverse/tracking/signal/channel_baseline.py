@@ -9,11 +9,11 @@ from pvdf_fem.inverse.tracking.signal.decay_fit import DecayFit, compute_decay
 
 #: A channel takes part in the detection of contacts when its line holds this many samples.
 MIN_LINE_SAMPLES = 8
-#: After this number of memories m, the gains of the filter are those of its memory: the gains 4/k and
-#: 6/k² of k samples have fallen below 2/m and 1/m².
+#: After this number of memories m, the gains of the filter are those of its memory: the gains 4/k
+#: and 6/k² of k samples have fallen below 2/m and 1/m².
 STEADY_MEMORIES = 2.5
-#: From this number of samples on, the errors of lines and residuals change by less than 1 % with each
-#: sample.
+#: From this number of samples on, the errors of lines and residuals change by less than 1 % with
+#: each sample.
 MANY_SAMPLES = 64
 #: A line is not extrapolated if its standard error would exceed this number of noise deviations.
 MAX_SLOPE_ERROR = 1.0

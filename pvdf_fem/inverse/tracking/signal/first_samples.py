@@ -6,16 +6,16 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Mask
 
-#: Smallest fraction of the readings that a channel with a signal has; loggers that read four channels
-#: in turn leave a quarter.
+#: Smallest fraction of the readings that a channel with a signal has; loggers that read four
+#: channels in turn leave a quarter.
 MIN_MEASURED_FRACTION = 0.15
 #: Spikes have at most this number of samples, and deviate from the samples before and after them by
 #: more noise deviations and a larger multiple of the difference of these samples.
 MAX_SPIKE_SAMPLES = 4
 SPIKE_DEVIATIONS = 10.0
 SPIKE_MULTIPLE = 3.0
-#: A channel lies at the end of its range if more than this fraction of its readings equal its extreme
-#: one, though it has so many different readings.
+#: A channel lies at the end of its range if more than this fraction of its readings equal its
+#: extreme one, though it has so many different readings.
 MAX_EXTREME_FRACTION = 0.2
 MIN_DISTINCT_VOLTAGES = 10
 

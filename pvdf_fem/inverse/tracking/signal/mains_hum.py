@@ -336,7 +336,7 @@ class MainsHum:
         self._noted_Hz.add(math.nan)
         text = (
             f"mains_Hz = {self._candidates_Hz[0]:g}: hum is not subtracted at a sampling rate of "
-            f"{rate_Hz:.4g} Hz, where it cannot be distinguished from touches; sample at 200 Hz or more"
+            f"{rate_Hz:.4g} Hz, where it cannot be distinguished from touches; sample at 200 Hz"
         )
         self.notes.append(text)
 

@@ -25,8 +25,8 @@ MIN_CLIPPED_READINGS = 3
 #: The same if the two changes before them were larger, in noise deviations or steps. Three equal
 #: readings at the peak of a parabola follow on changes of five steps at most.
 MIN_ABRUPT_CHANGE = 6.0
-#: A channel whose noise is smaller than this number of its steps often repeats a reading, so that it
-#: is not found to be frozen.
+#: A channel whose noise is smaller than this number of its steps often repeats a reading, so that
+#: it is not found to be frozen.
 MIN_NOISE_STEPS = 2.0
 #: Number of readings over which the probability of equal readings is estimated.
 EQUALITY_MEMORY = 4096

@@ -21,8 +21,8 @@ from pvdf_fem.inverse.tracking.signal.first_samples import (
 )
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
 
-#: Smallest number of samples from which a baseline is learned, however slow the sampling is: two for
-#: each part.
+#: Smallest number of samples from which a baseline is learned, however slow the sampling is: two
+#: for each part.
 MIN_SETTLING_SAMPLES = 16
 MIN_FIT_SAMPLES = 4  #: Smallest number of voltages of a channel to which a line is fitted.
 #: Number of parts of the samples whose means must lie on a line.
@@ -31,8 +31,8 @@ PART_COUNT = 8
 UNSTEADY_PROBABILITY = 1e-6
 #: Means of parts that deviate from a line by less than this, in noise deviations, are steady.
 MIN_UNSTEADY_DEVIATION = 0.5
-#: Deviations from the first samples that begin a touch, in noise deviations. Noise exceeds them in one
-#: of 500 million voltages.
+#: Deviations from the first samples that begin a touch, in noise deviations. Noise exceeds them in
+#: one of 500 million voltages.
 ONSET_DEVIATIONS = 6.0
 #: Residuals are stationary noise if their sizes in so many attempts differ by less than a factor,
 #: and their peak by less than another from the last size.

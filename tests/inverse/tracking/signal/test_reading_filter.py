@@ -86,7 +86,7 @@ def test_a_frozen_channel_is_found_after_a_few_readings_and_returns():
 
 @pytest.mark.parametrize("noise_steps", [0.1, 0.3, 1.0, 3.0])
 def test_a_coarse_converter_is_not_frozen(noise_steps):
-    """However often it repeats readings by chance, none of 20,000 is taken for frozen or clipped."""
+    """However often it repeats readings by chance, none of 20,000 counts as frozen or clipped."""
     noise_V = 1e-3
     channel_filter = make_channel_filter(noise_V=noise_V)
     readings = 0.3 * noise_V + make_noise(20_000, noise_V=noise_V, step_V=noise_V / noise_steps)

@@ -31,7 +31,7 @@ class Result(NamedTuple):
 
 
 def run(stamps):
-    """Run a clock on stamps; the values of a row are its number. Check what holds for any stream."""
+    """Run a clock on stamps, with row numbers as values, and check what holds for any stream."""
     clock = SampleClock()
     samples = []
     held = []

@@ -35,8 +35,8 @@ MIN_FREQUENCY_HZ = 8.0
 #: Faster streams are decimated to this rate, so that the fits of a block take a millisecond.
 DECIMATED_RATE_HZ = 4000.0
 
-#: Smallest number of samples in a window for each coefficient of its fit. Three windows of 13 samples
-#: then fit into half a second at 80 Hz.
+#: Smallest number of samples in a window for each coefficient of its fit. Three windows of 13
+#: samples then fit into half a second at 80 Hz.
 SAMPLES_PER_COEFFICIENT = 1.8
 
 #: Regularisation relative to the mean square of a column. It only matters where samples share their
@@ -58,8 +58,8 @@ MAX_RATIO = 1e9
 #: Squared distance from the median of the windows, relative to its expectation, at which a window
 #: counts half. Noise exceeds it with a probability of exp(-9).
 HALF_WEIGHT_DISTANCE = 9.0
-#: Spread of the phasors of a block, relative to their median, that hum itself may have: the phase of
-#: hum whose frequency is wrong by 30 mHz changes by so many rad within a tenth of a second.
+#: Spread of the phasors of a block, relative to their median, that hum itself may have: the phase
+#: of hum whose frequency is wrong by 30 mHz changes by so many rad within a tenth of a second.
 RELATIVE_SPREAD = 0.02
 #: Scatter of the windows, relative to that expected from the noise, which chance alone explains.
 MAX_CHANCE_SCATTER = 2.0

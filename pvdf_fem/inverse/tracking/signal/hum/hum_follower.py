@@ -31,8 +31,8 @@ from pvdf_fem.inverse.tracking.signal.hum.mains_oscillator import MainsOscillato
 VARIANCE_FALL = 0.8
 VARIANCE_GROWTH = 1.1
 
-#: Logarithm of the largest ratio of the variances of the residuals at the frequency of the hum and at
-#: another nominal frequency.
+#: Logarithm of the largest ratio of the variances of the residuals at the frequency of the hum and
+#: at another nominal frequency.
 MAX_LOG_RATIO = 0.7
 
 

@@ -193,7 +193,7 @@ class MainsOscillator:
         Returns
         -------
         float
-            Change of the phasors relative to their absolute values, at most 1; 0 if no window counts.
+            Change of the phasors relative to their magnitudes, at most 1; 0 if no window counts.
         """
         if combined.weights.sum(axis=0).max() < MIN_WINDOWS:
             return 0.0

@@ -27,7 +27,8 @@ class Repair(StrEnum):
 SENTENCES = {
     Repair.MISSING_STAMP: "row {row} has no time stamp: such rows follow at the learned interval",
     Repair.REPEATED_STAMP: (
-        "row {row} repeats the time stamp {stamp_s:.10g} s: such rows follow at the learned interval"
+        "row {row} repeats the time stamp {stamp_s:.10g} s: "
+        "such rows follow at the learned interval"
     ),
     Repair.WILD_STAMP: (
         "row {row} has the time stamp {stamp_s:.10g} s, which does not fit its neighbours: such "
