@@ -264,13 +264,23 @@ def _fragment_film(
 def _add_surface(outline: Outline, unit: float) -> int:
     """Add the surface inside an outline to gmsh's model, and return its tag."""
     occ = gmsh.model.occ
-    points = [occ.addPoint(x, y, 0.0) for x, y in outline.corners / unit]
+    pieces = outline.boundary
+    starts = [piece.start / unit for piece in pieces if not isinstance(piece, EllipseCurve)]
+    points = [occ.addPoint(x, y, 0.0) for x, y in starts]
     curves = []
-    for number, piece in enumerate(outline.boundary):
-        if isinstance(piece, Line):
-            curves.append(occ.addLine(points[number], points[(number + 1) % len(points)]))
-        else:
+    for number, piece in enumerate(pieces):
+        if isinstance(piece, EllipseCurve):
             curves.append(_add_ellipse(piece, unit))
+            continue
+        start = points[number]
+        end = points[(number + 1) % len(points)]
+        if isinstance(piece, Line):
+            curves.append(occ.addLine(start, end))
+        else:
+            x, y = piece.middle / unit
+            middle = occ.addPoint(x, y, 0.0)
+            curves.append(occ.addCircleArc(start, middle, end, center=False))
+            occ.remove([(0, middle)])
     return int(occ.addPlaneSurface([occ.addCurveLoop(curves)]))
 
 
