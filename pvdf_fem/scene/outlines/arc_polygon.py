@@ -123,8 +123,10 @@ class ArcPolygon(Outline):
         points = []
         for side in self.boundary:
             points.append(side.start)
-            is_arc = isinstance(side, Arc)
-            points.append(side.middle if is_arc else 0.5 * (side.start + side.end))
+            if isinstance(side, Arc):
+                points.append(side.middle)
+            else:
+                points.append(0.5 * (side.start + side.end))
         return np.array(points)
 
     @cached_property
@@ -303,7 +305,7 @@ def find_arc_polygon_defect(
     if not ring.is_valid:
         return f"the outline crosses or touches itself ({shapely.is_valid_reason(ring)})"
     # the chords of long arcs may cross although the arcs do not
-    return find_polygon_defect(outline.defining_points) if len(points) > 2 else None
+    return find_polygon_defect(outline.defining_points.tolist()) if len(points) > 2 else None
 
 
 def _iterate_sides(vertices: Array, bulges: Array) -> Iterator[Line | Arc]:
