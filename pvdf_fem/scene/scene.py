@@ -17,7 +17,7 @@ from pydantic import ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from pvdf_fem.scene.changes import Replaced, apply_changes
-from pvdf_fem.scene.drawings.drawing import expand_drawing, read_scene_tables
+from pvdf_fem.scene.drawings.expansion import expand_drawing, read_scene_tables
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.instrument.calibration import CalibratedParameters
 from pvdf_fem.scene.instrument.response_domain import ResponseDomain

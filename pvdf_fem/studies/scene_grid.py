@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from pvdf_fem.scene.changes import find_changed_keys
-from pvdf_fem.scene.drawings.drawing import locate_drawing
+from pvdf_fem.scene.drawings.expansion import locate_drawing
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import (
     SceneError,

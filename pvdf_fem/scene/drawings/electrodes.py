@@ -98,11 +98,11 @@ def _read_content(path: Path, layer: str | None) -> DrawingContent:
     """Read a drawing by the reader of its extension."""
     extension = path.suffix.lower()
     if extension == ".dxf":
-        from pvdf_fem.scene.drawings.dxf import read_dxf
+        from pvdf_fem.scene.drawings.files.dxf import read_dxf
 
         return read_dxf(path, layer)
     if extension == ".svg":
-        from pvdf_fem.scene.drawings.svg import read_svg
+        from pvdf_fem.scene.drawings.files.svg import read_svg
 
         return read_svg(path, layer)
     reason = f'has the extension "{extension}", which is not read; give a .dxf or .svg file'

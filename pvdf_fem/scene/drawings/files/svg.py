@@ -23,9 +23,9 @@ from pvdf_fem.scene.drawings.content import (
     DrawnText,
     Unit,
 )
-from pvdf_fem.scene.drawings.dxf import MAX_BYTES, MAX_DEPTH
-from pvdf_fem.scene.drawings.svg_shapes import Affine, Viewport, parse_transform, read_shape
-from pvdf_fem.scene.drawings.svg_styles import (
+from pvdf_fem.scene.drawings.files.dxf import MAX_BYTES, MAX_DEPTH
+from pvdf_fem.scene.drawings.files.svg_shapes import Affine, Viewport, parse_transform, read_shape
+from pvdf_fem.scene.drawings.files.svg_styles import (
     PIXELS,
     StyleSheet,
     get_tag,

@@ -11,7 +11,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.drawings.content import DrawingError
 from pvdf_fem.scene.drawings.curves import Curve, Side, Spline, make_elliptic_curves
-from pvdf_fem.scene.drawings.svg_styles import get_tag, resolve_length
+from pvdf_fem.scene.drawings.files.svg_styles import get_tag, resolve_length
 
 _PATH_CHARACTERS = re.compile(r"[^MmZzLlHhVvCcSsQqTtAaEe0-9+\-.,\s]")
 _TRANSFORM = re.compile(r"\s*(?:(?:matrix|translate|scale|rotate|skewX|skewY)\s*\([^()]*\)[\s,]*)*")
