@@ -85,7 +85,9 @@ def resolve_mesh_style(
     name = element.upper()
     if name not in chosen.element_orders:
         types = ", ".join(chosen.element_orders)
-        raise ExportError(f"element = {element}: is not a type that is written; choose from {types}")
+        raise ExportError(
+            f"element = {element}: is not a type that is written; choose from {types}"
+        )
     if order not in (None, chosen.element_orders[name]):
         nodes = TRIANGLE_NODES[chosen.element_orders[name]]
         advice = f"leave order {order} out, or choose another type"

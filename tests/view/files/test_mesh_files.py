@@ -145,7 +145,15 @@ def test_input_files_obey_the_limits_of_calculix(mesh, tmp_path, element, nodes)
 
 
 def test_labels_differ_without_their_case():
-    names = ["electrode A", "electrode a", "electrode A_2", "electrode é", "electrode e", "1", "rim"]
+    names = [
+        "electrode A",
+        "electrode a",
+        "electrode A_2",
+        "electrode é",
+        "electrode e",
+        "1",
+        "rim",
+    ]
     names += ["electrode 左", "electrode 右", "electrode " + 90 * "x", "electrode " + 91 * "x"]
     labels = make_labels(names)
     assert list(labels) == names
