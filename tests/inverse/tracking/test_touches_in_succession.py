@@ -8,9 +8,7 @@ import pytest
 from pvdf_fem.inverse.tracking.tracker import Tracker
 from tests.helpers.streams import Tap, make_sensor, make_stream
 
-SENSOR = make_sensor(
-    kind="charge", feedback_capacitance_pF=1000.0, feedback_resistance_MOhm=1000.0
-)
+SENSOR = make_sensor(kind="charge", feedback_capacitance_pF=1000.0, feedback_resistance_MOhm=1000.0)
 PLACES_MM = [(3.0, -2.0), (-2.5, 1.0), (0.5, 3.5), (-1.0, -3.0)]
 FORCES_N = [0.8, 1.2, 0.5, 1.0]
 
