@@ -28,7 +28,7 @@ from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
 from pvdf_fem.mesh.gmsh_mesh import MeshError
 from pvdf_fem.mesh.symmetry import WHOLE_FILM
 from pvdf_fem.problem.contact_result import select_tips
-from pvdf_fem.problem.outputs import piezo_coefficients
+from pvdf_fem.problem.outputs import get_piezo_coefficients
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
@@ -197,7 +197,7 @@ def compute_unloaded_integrals(problem: Problem, *, required: bool = True) -> St
 
 def compute_unloaded_charges(problem: Problem) -> Array:
     """Compute the charges of the unloaded film in C, shape (outputs,); see `solve_unloaded`."""
-    return solve_unloaded(problem).charges(piezo_coefficients(problem.unloaded_outputs))
+    return solve_unloaded(problem).charges(get_piezo_coefficients(problem.unloaded_outputs))
 
 
 def solve_outputs(
