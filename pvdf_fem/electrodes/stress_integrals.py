@@ -371,6 +371,15 @@ def _select_film_for_samples(
     A nonlinear law needs the uneven prestrain at these points; the linear elastic stress of this
     prestrain is added by the caller. If the prestrain is uniform or the law is linear, the film is
     the membrane itself.
+
+    Parameters
+    ----------
+    membrane : Membrane
+        The membrane.
+    sampling : Sampling
+        The sampling points.
+    sector : SymmetrySector
+        The sector on which they are.
     """
     if membrane.added is None or membrane.law.is_linear:
         return membrane
@@ -381,6 +390,15 @@ def _iterate_samplings(
     outputs: Sequence[Output], space: Space, sector: SymmetrySector
 ) -> Iterator[tuple[Observable, Sampling, Array]]:
     """Yield the sampling points of all outputs and their reflections, grouped by observable.
+
+    Parameters
+    ----------
+    outputs : sequence of Output
+        The outputs.
+    space : Space
+        Finite-element space of the sector.
+    sector : SymmetrySector
+        The sector, for the reflections.
 
     Yields
     ------

@@ -299,6 +299,15 @@ def _parse_readings(option: str, text: str, errors: list[str]) -> dict[str, floa
 
     For each item that is invalid or repeats a name, a message is appended to `errors` and the item
     is left out.
+
+    Parameters
+    ----------
+    option : str
+        Name of the option, for messages.
+    text : str
+        Value of the option.
+    errors : list of str
+        Receives the messages.
     """
     readings: dict[str, float] = {}
     for item in text.split(","):
