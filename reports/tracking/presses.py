@@ -152,7 +152,8 @@ class PressedSensor:
         continues the spline.
         """
         smallest_N = self.forces_N[0]
-        roots = np.linspace(*np.cbrt(self.forces_N), FORCE_NODES)
+        smallest_root, largest_root = np.cbrt(self.forces_N)
+        roots = np.linspace(smallest_root, largest_root, FORCE_NODES)
         touches = np.zeros((FORCE_NODES, 4))
         touches[:, 0] = press.x_mm
         touches[:, 1] = press.y_mm
