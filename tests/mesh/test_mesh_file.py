@@ -18,7 +18,7 @@ from pvdf_fem.mesh.mesh_file import read_mesh
 from pvdf_fem.mesh.subdomains import collect_outlines, make_subdomain_name
 from pvdf_fem.solver.history import Stop
 from pvdf_fem.solver.solution import Solution
-from pvdf_fem.view.export import write_mesh
+from pvdf_fem.view.files.mesh_files import write_mesh
 from tests.helpers.discs import graded_mesh
 
 # The probe presses on a third of electrode A.
