@@ -58,14 +58,14 @@ def find_placement(border: Array, radius_m: float, slack: float) -> Placement:
     radii = np.linalg.norm(border - centre, axis=1)
     largest = float(radii.max())
     unit = _find_unit(largest, radius_m, slack=slack)
+    is_round = radii.min() >= (1.0 - slack) * largest
     x, y = centre
-    if unit is None or radii.min() < (1.0 - slack) * largest:
-        where = "the origin" if np.hypot(x, y) < slack * reach else f"({x:.6g}, {y:.6g})"
-        units = ", ".join(UNITS_M)
+    if unit is None or not is_round:
+        size = f"{largest:.6g}" if is_round else f"between {radii.min():.6g} and {largest:.6g}"
         raise MeshFileError(
-            f"has nodes up to {reach:.6g} from the origin, and its boundary is between"
-            f" {radii.min():.6g} and {largest:.6g} from {where}, but film.radius_mm ="
-            f" {1e3 * radius_m:g}; give the whole film in one of {units}, or another film.radius_mm"
+            f"has a film with the radius {size} about ({_format(x, reach)}, {_format(y, reach)}),"
+            f" but film.radius_mm = {1e3 * radius_m:g}; give the whole film in one of the units"
+            f" {', '.join(UNITS_M)}, or change film.radius_mm"
         )
     moved = f"the film about ({x:.6g}, {y:.6g}) {unit} was moved to the origin"
     return Placement(UNITS_M[unit], centre, (*_describe_unit(unit), moved))
@@ -82,6 +82,11 @@ def _find_unit(reach: float, radius_m: float, slack: float) -> str | None:
 def _describe_unit(name: str) -> tuple[str, ...]:
     """Return a note on an unusual unit."""
     return () if name in _USUAL_UNITS else (f"its unit was found to be {name}",)
+
+
+def _format(coordinate: float, reach: float) -> str:
+    """Format a coordinate of the centre, without round-off, for messages."""
+    return f"{round(coordinate / reach, 9) * reach + 0.0:.6g}"
 
 
 def _fit_centre(border: Array) -> Array:
