@@ -74,7 +74,7 @@ def draw(
             if error.name != "ezdxf":
                 raise
             reason = "requires ezdxf, which is not installed"
-            advice = 'run: pip install "pvdf_fem[drawings]", or write .svg or .pdf'
+            advice = 'run: pip install "pvdf-fem[drawings]", or write .svg or .pdf'
             raise FileError(f"{path}: {reason}; {advice}") from None
     elif extension == ".svg":
         from pvdf_fem.view.drawings.svg import write_svg

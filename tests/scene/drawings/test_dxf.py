@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from pathlib import Path
 
 import ezdxf
 import numpy as np
@@ -385,5 +386,23 @@ def test_a_missing_extra_is_named(drawing, monkeypatch):
     drawing.space.add_circle((10.0, 0.0), 2.0)
     drawing.document.saveas("pads.dxf")
     monkeypatch.setitem(__import__("sys").modules, "ezdxf.filemanagement", None)
-    with pytest.raises(SceneError, match=r'pip install "pvdf_fem\[drawings\]"'):
+    with pytest.raises(SceneError, match=r'pip install "pvdf-fem\[drawings\]"'):
         Scene(electrodes={"drawing": "pads.dxf"})
+
+
+def test_a_real_file_of_inkscape_is_read_without_its_unit():
+    """Its circle is four open splines and its rectangle four lines, with y upwards."""
+    path = str(Path(__file__).with_name("inkscape_1_2.dxf"))
+    table = {"drawing": path, "unit": "mm"}
+    with pytest.raises(SceneError, match=r"origin_mm = \[45, 44\]"):
+        Scene(electrodes=table)
+    with pytest.raises(SceneError, match=r"unit: is required .* 0 \(no unit\)"):
+        Scene(electrodes={"drawing": path})
+    pads = Scene(electrodes={**table, "origin_mm": [45.0, 45.0]}).electrode_list
+    assert [pad.shape for pad in pads] == ["circle", "polyline", "rectangle", "polyline"]
+    areas = [4.0 * math.pi, 12.0 + math.pi, 16.0, 8.0 * math.pi]
+    assert [area_mm2(pad) for pad in pads] == pytest.approx(areas, rel=1e-4)
+    places = [(10.0, 0.0), (0.0, 10.0), (-10.0, 0.0), (0.0, -12.0)]
+    assert np.array([(pad.x_mm, pad.y_mm) for pad in pads]) == pytest.approx(
+        np.array(places), abs=1e-4
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import zlib
+from pathlib import Path
 from xml.etree import ElementTree
 
 import ezdxf
@@ -253,3 +254,12 @@ CENTRE = {"x_mm": 0.0, "y_mm": 0.0}
 def test_unknown_formats_and_versions_are_refused(tmp_path, path, options, word):
     with pytest.raises(ValueError, match=re.escape(word)):
         draw(SCENE, tmp_path / path, **options)
+
+
+def test_the_picture_of_the_guide_is_the_drawing_of_its_scene(tmp_path):
+    guide = Path(__file__).parents[3] / "reports" / "guide"
+    page = guide.joinpath("drawings.md").read_text("utf-8")
+    [text] = re.findall(r"%%writefile sensor\.toml\n(.*?)```", page, re.DOTALL)
+    draw(Scene.parse(text), tmp_path / "pads.svg")
+    drawn = (tmp_path / "pads.svg").read_text("utf-8")
+    assert drawn == guide.joinpath("static", "pads.svg").read_text("utf-8")
