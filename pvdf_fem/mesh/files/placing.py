@@ -97,7 +97,8 @@ def _fit_centre(border: Array) -> Array:
     The unknowns of |x|² = 2 c·x + d are the centre c and d = r² - |c|² (Kåsa 1976).
     """
     middle = border.mean(axis=0)
-    offsets = border - middle
+    size = np.abs(border - middle).max()
+    offsets = (border - middle) / size
     system = np.column_stack([2.0 * offsets, np.ones(len(offsets))])
     solution, *_ = np.linalg.lstsq(system, np.square(offsets).sum(axis=1))
-    return middle + solution[:2]
+    return middle + size * solution[:2]
