@@ -236,7 +236,8 @@ def solve_outputs(
     loop = _make_adaptive_loop(run, order)
     if mesh is not None:
         start = time.perf_counter()
-        equilibrium = Equilibrium(problem, mesh, order)
+        with run.timer("solve"):
+            equilibrium = Equilibrium(problem, mesh, order)
         level = loop.solve_and_record(equilibrium, coarser=None, start=start)
         return _make_solution(level, Stop.GIVEN_MESH, loop.history)
     try:
