@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import importlib.util
-from pathlib import Path
-from typing import Any
 
 import gmsh
 import meshio
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from pvdf_fem import Scene, Solution, solve
-from pvdf_fem.view.export import FORMATS, ExportError, write_mesh
+from pvdf_fem.view.export import FORMATS, write_mesh
+from pvdf_fem.view.files.grid import ExportError
 from tests.helpers.discs import uniform_mesh
+from tests.helpers.six_node_areas import compute_areas
 
 NAME = "<é & b>"
 # The probe presses on half of the first electrode.
@@ -24,99 +23,11 @@ SCENE = Scene(
     probe={"shape": "rectangle", "x_mm": 3.0},
     load={"kind": "follower"},
 )
-STRESSES = ("S11_Pa", "S22_Pa", "S12_Pa")
 
 
 @pytest.fixture(scope="module")
 def solution() -> Solution:
     return solve(SCENE)
-
-
-def areas(points: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Signed areas of curved six-node triangles: each side's parabola adds 2/3 of its chord's."""
-
-    def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-        return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-    corners, middles = points[triangles[:, :3]], points[triangles[:, 3:]]
-    after = np.roll(corners, -1, axis=1)
-    bulges = cross(middles - corners, after - corners)
-    return (0.5 * cross(corners, after) + 2.0 / 3.0 * bulges).sum(axis=1)
-
-
-def read_vtu(solution: Solution, path: Path) -> tuple[meshio.Mesh, dict[str, Any]]:
-    solution.to_vtu(path)
-    grid = meshio.read(path)
-    return grid, {name: values[0] for name, values in grid.cell_data.items()}
-
-
-def test_charges_can_be_integrated_from_the_vtu_file(solution, tmp_path):
-    grid, cells = read_vtu(solution, tmp_path / "a.vtu")
-    area = areas(grid.points, grid.cells[0].data)
-    assert area.min() > 0.0
-    assert area.sum() == pytest.approx(np.pi * 0.045**2, rel=1e-4)
-    for name, charge in solution.charges_pC.items():
-        inside = cells[f"electrode {name}"] == 1
-        forces = ((cells["S11_Pa"] + cells["S22_Pa"]) * area)[inside].sum()
-        assert 8.0 * forces == pytest.approx(charge, rel=1e-9)
-
-
-def test_the_vtu_file_has_the_displacement_of_the_solution(solution, tmp_path):
-    """Also in the middles of sides, which are no nodes of an order-3 solution."""
-    grid, _ = read_vtu(solution, tmp_path / "a.vtu")
-    found = grid.point_data["displacement_m"]
-    for component in range(3):
-        halved, values = solution.basis.refinterp(solution.displacement[:, component], nrefs=1)
-        distance, node = cKDTree(grid.points[:, :2]).query(halved.p.T)
-        assert distance.max() < 1e-12
-        np.testing.assert_allclose(found[node, component], values, atol=1e-15)
-    assert np.all(found[np.hypot(*grid.points[:, :2].T) > 0.045 * (1 - 1e-6)] == 0.0)
-
-
-def test_the_vtu_file_has_charges_and_the_scene(solution, tmp_path):
-    """For meshio, and for VTK as ParaView reads it."""
-    grid, _ = read_vtu(solution, tmp_path / "a.vtu")
-    charges = {f"charge_pC {name}": [charge] for name, charge in solution.charges_pC.items()}
-    charges |= {f"charge_error_pC {name}": [e] for name, e in solution.charge_errors_pC.items()}
-    assert {name: grid.field_data[name].tolist() for name in charges} == charges
-    assert Scene.parse(grid.field_data["scene_toml"].tobytes().decode()) == SCENE
-    pyvista = pytest.importorskip("pyvista", reason="VTK reads what ParaView reads")
-    vtk = pyvista.read(tmp_path / "a.vtu")
-    assert {name: vtk.field_data[name].tolist() for name in charges} == charges
-    np.testing.assert_array_equal(vtk.point_data["deflection_m"], grid.point_data["deflection_m"])
-
-
-def test_the_nodal_stress_of_the_vtu_file_is_the_mean_around_a_node(tmp_path):
-    """Linear elements have one stress each, so that the mean can be taken from the file."""
-    mesh = uniform_mesh(SCENE, 4.0)
-    grid, cells = read_vtu(solve(SCENE, mesh=mesh, order=1), tmp_path / "a.vtu")
-    triangles, points = grid.cells[0].data, grid.points
-    corner, area = triangles[:, :3], areas(points, triangles)
-    middles = 0.5 * (points[corner] + points[np.roll(corner, -1, axis=1)])
-    curved = np.abs(middles - points[triangles[:, 3:]]).max(axis=(1, 2)) > 1e-9
-    # curved elements, on the rim, have no single stress
-    inner = np.setdiff1d(np.arange(len(points)), triangles[curved])
-    assert inner.size
-    for node in inner:
-        around = (triangles == node).any(axis=1)
-        mean = [np.average(cells[c][around], weights=area[around]) for c in STRESSES]
-        found = [grid.point_data[c][node] for c in STRESSES]
-        np.testing.assert_allclose(found, mean, rtol=1e-9, atol=1e-6 * mean[0])
-        tensor = np.array([[mean[0], mean[2]], [mean[2], mean[1]]])
-        largest = np.linalg.eigvalsh(tensor)[1]
-        assert grid.point_data["principal_stress_Pa"][node] == pytest.approx(largest, rel=1e-9)
-    u = grid.point_data["displacement_m"]
-    np.testing.assert_allclose(u[triangles[:, 3]], u[corner[:, :2]].mean(axis=1), atol=1e-15)
-
-
-def test_the_vtu_file_has_the_contact_pressure_at_nodes_around_the_contact(tmp_path):
-    touched = solve(Scene.example("sphere").with_(**{"numerics.tolerance": 0.02}))
-    grid, _ = read_vtu(touched, tmp_path / "a.vtu")
-    [contact], pressure = touched.contacts.values(), grid.point_data["contact_pressure_Pa"] / 1e6
-    away = np.hypot(*(1e3 * grid.points[:, :2] - contact.edge_mm.mean(axis=0)).T)
-    within = pressure[away < 0.5 * np.ptp(contact.edge_mm, axis=0).max()]
-    assert contact.least_pressure_MPa <= within.min() < within.max() <= contact.largest_pressure_MPa
-    assert not pressure[away > 4.0].any()
 
 
 @pytest.mark.parametrize("extension", FORMATS)
@@ -130,7 +41,7 @@ def test_every_mesh_format_keeps_the_patches(solution, tmp_path, extension):
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
     grid = meshio.read(path)
     triangles = grid.cells[0].data
-    area = areas(grid.points, triangles)
+    area = compute_areas(grid.points, triangles)
     assert triangles.shape == (solution.mesh.nelements, 6)
     assert area.min() > 0.0
     for name, expected in ((f"electrode {NAME}", 9e-6), ("electrode C", 9e-6), ("probe", 98e-6)):

@@ -41,7 +41,7 @@ SOFTNESS_STEP = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Overlap:
-    """The overlap of film and tip at the quadrature points of all elements."""
+    """The overlap of film and tip at rows of points, such as the quadrature points of elements."""
 
     depth: float  #: Depth of the tip's lowest point in m.
     #: The overlap in m, negative for a gap, -inf where no tip can press, shape (elements, points).
@@ -200,14 +200,19 @@ class RigidTip(ProbeLoad):
 
         It is -inf below a flat face, and everywhere if only a mirror image of the tip presses.
         """
-        points = self.compute_deformed_points(x)
+        return self._compute_overlap_at(self.compute_deformed_points(x), self._find_depth(x))
+
+    def _compute_overlap_at(self, points: Array, depth: float) -> Overlap:
+        """Compute the overlap at points of the displaced film in m, shape (n, points, 3).
+
+        `depth` is that of the tip's lowest point in m.
+        """
         frame = self.sector.frame
         shape = points.shape[:2]
         height = self.tip.compute_height(points[..., :2].reshape(-1, 2) @ frame)
         rates = -np.ones((*shape, 3))
         rates[..., :2] = -(height.slope @ frame.T).reshape(*shape, 2)
         hessian = (frame @ height.hessian @ frame.T).reshape(*shape, 2, 2)
-        depth = self._find_depth(x)
         heights = height.value.reshape(shape)
         value = depth - heights - points[..., 2]
         if self.tip.face is not None:  # flat film under a flat face bears no pressure
@@ -437,10 +442,56 @@ class RigidTip(ProbeLoad):
         stress S, the in-plane rows of the deformation gradient F, and Hessian H and slope of the
         tip's height. It is smoother than the tractions of the penalty.
         """
-        overlap = self.overlap(state)
-        F = state.deformation_gradient
+        return self._compute_pressure(
+            self.overlap(state),
+            state.deformation_gradient,
+            stress=state.stress,
+            thickness=thickness,
+        )
+
+    def compute_pressure_at(
+        self, points: Array, F: Array, *, stress: Array, dofs: Array, thickness: float
+    ) -> Array:
+        """Compute the pressure of `compute_pressure` at any points of the film.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, points, 3)
+            Points of the displaced film in m.
+        F : ndarray, shape (n, points, 3, 2)
+            Deformation gradient there.
+        stress : ndarray, shape (n, points, 3)
+            Stress of all plies there in Pa, as in `State.stress`.
+        dofs : ndarray, shape (dofs,)
+            Dofs of the displacement in m, for the depth of the tip.
+        thickness : float
+            The film's thickness in m.
+
+        Returns
+        -------
+        ndarray, shape (n, points)
+            Pressure per deformed area in Pa; 0 where the film does not touch.
+        """
+        overlap = self._compute_overlap_at(points, self._find_depth(dofs))
+        return self._compute_pressure(overlap, F, stress=stress, thickness=thickness)
+
+    @staticmethod
+    def _compute_pressure(overlap: Overlap, F: Array, *, stress: Array, thickness: float) -> Array:
+        """Compute the pressure on the deformed film in Pa, shape (n, points).
+
+        Parameters
+        ----------
+        overlap : Overlap
+            The overlap at n rows of points.
+        F : ndarray, shape (n, points, 3, 2)
+            Deformation gradient.
+        stress : ndarray, shape (n, points, 3)
+            Stress of all plies in Pa.
+        thickness : float
+            The film's thickness in m.
+        """
         curvature = np.einsum("epia,epij,epjb->epab", F[..., :2, :], overlap.hessian, F[..., :2, :])
-        S11, S22, S12 = np.moveaxis(state.stress, -1, 0)
+        S11, S22, S12 = np.moveaxis(stress, -1, 0)
         across = S11 * curvature[..., 0, 0] + S22 * curvature[..., 1, 1]
         across += 2.0 * S12 * curvature[..., 0, 1]
         steepness = np.sqrt((overlap.rates**2).sum(axis=-1))
