@@ -14,7 +14,7 @@ from pvdf_fem import Scene, Solution, solve
 from pvdf_fem.view.export import FORMATS, write_mesh
 from pvdf_fem.view.files.grid import ExportError
 from tests.helpers.discs import uniform_mesh
-from tests.helpers.six_node_areas import compute_areas
+from tests.helpers.files.six_node_areas import compute_areas
 
 NAME = "<é & b>"
 # The probe presses on half of the first electrode.

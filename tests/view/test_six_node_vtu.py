@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from pvdf_fem import Scene, Solution, solve
 from tests.helpers.discs import uniform_mesh
-from tests.helpers.six_node_areas import compute_areas
+from tests.helpers.files.six_node_areas import compute_areas
 
 # The probe presses on half of the first electrode.
 SCENE = Scene(

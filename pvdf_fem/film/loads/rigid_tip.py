@@ -200,13 +200,14 @@ class RigidTip(ProbeLoad):
 
         It is -inf below a flat face, and everywhere if only a mirror image of the tip presses.
         """
-        return self._compute_overlap_at(self.compute_deformed_points(x), self._find_depth(x))
+        return self.overlap_at(self.compute_deformed_points(x), x)
 
-    def _compute_overlap_at(self, points: Array, depth: float) -> Overlap:
-        """Compute the overlap at points of the displaced film in m, shape (n, points, 3).
+    def overlap_at(self, points: Array, x: Array) -> Overlap:
+        """Compute the overlap at points of the film displaced by the dofs `x`.
 
-        `depth` is that of the tip's lowest point in m.
+        The points are given by their positions in m on the displaced film, shape (n, points, 3).
         """
+        depth = self._find_depth(x)
         frame = self.sector.frame
         shape = points.shape[:2]
         height = self.tip.compute_height(points[..., :2].reshape(-1, 2) @ frame)
@@ -419,82 +420,3 @@ class RigidTip(ProbeLoad):
         """
         touching = self.space.quadrature_points[self.overlap(state).is_touching]
         return float(np.linalg.norm(touching, axis=1).max(initial=0.0))
-
-    def compute_pressure(self, state: State, thickness: float) -> Array:
-        """Compute the pressure on the deformed film.
-
-        Parameters
-        ----------
-        state : State
-            The state of the film.
-        thickness : float
-            The film's thickness in m.
-
-        Returns
-        -------
-        ndarray, shape (elements, points)
-            Pressure per deformed area in Pa; 0 where the film does not touch.
-
-        Notes
-        -----
-        The film on the tip has the tip's curvature. Equilibrium normal to the tip's surface gives
-        the pressure per undeformed area p = h S : Fᵀ H F / √(1 + slope²), with the thickness h, the
-        stress S, the in-plane rows of the deformation gradient F, and Hessian H and slope of the
-        tip's height. It is smoother than the tractions of the penalty.
-        """
-        return self._compute_pressure(
-            self.overlap(state),
-            state.deformation_gradient,
-            stress=state.stress,
-            thickness=thickness,
-        )
-
-    def compute_pressure_at(
-        self, points: Array, F: Array, *, stress: Array, dofs: Array, thickness: float
-    ) -> Array:
-        """Compute the pressure of `compute_pressure` at any points of the film.
-
-        Parameters
-        ----------
-        points : ndarray, shape (n, points, 3)
-            Points of the displaced film in m.
-        F : ndarray, shape (n, points, 3, 2)
-            Deformation gradient there.
-        stress : ndarray, shape (n, points, 3)
-            Stress of all plies there in Pa, as in `State.stress`.
-        dofs : ndarray, shape (dofs,)
-            Dofs of the displacement in m, for the depth of the tip.
-        thickness : float
-            The film's thickness in m.
-
-        Returns
-        -------
-        ndarray, shape (n, points)
-            Pressure per deformed area in Pa; 0 where the film does not touch.
-        """
-        overlap = self._compute_overlap_at(points, self._find_depth(dofs))
-        return self._compute_pressure(overlap, F, stress=stress, thickness=thickness)
-
-    @staticmethod
-    def _compute_pressure(overlap: Overlap, F: Array, *, stress: Array, thickness: float) -> Array:
-        """Compute the pressure on the deformed film in Pa, shape (n, points).
-
-        Parameters
-        ----------
-        overlap : Overlap
-            The overlap at n rows of points.
-        F : ndarray, shape (n, points, 3, 2)
-            Deformation gradient.
-        stress : ndarray, shape (n, points, 3)
-            Stress of all plies in Pa.
-        thickness : float
-            The film's thickness in m.
-        """
-        curvature = np.einsum("epia,epij,epjb->epab", F[..., :2, :], overlap.hessian, F[..., :2, :])
-        S11, S22, S12 = np.moveaxis(stress, -1, 0)
-        across = S11 * curvature[..., 0, 0] + S22 * curvature[..., 1, 1]
-        across += 2.0 * S12 * curvature[..., 0, 1]
-        steepness = np.sqrt((overlap.rates**2).sum(axis=-1))
-        area_ratio = np.linalg.norm(np.cross(F[..., 0], F[..., 1]), axis=-1)
-        pressure = thickness * across / steepness / area_ratio
-        return np.where(overlap.is_touching, pressure, 0.0)

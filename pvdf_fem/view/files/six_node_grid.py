@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from skfem import ElementTriP2
 
 from pvdf_fem.arrays import Array, Indices
@@ -44,7 +45,10 @@ def make_six_node_grid(film: FilmData) -> Any:
     }
     if film.contacts:
         point_data["contact_pressure_Pa"] = _compute_nodal_pressure(film)
-    cell_data = {**name_stress_components(_compute_mean_stress(film)), **make_masks(film.mesh)}
+    cell_data: dict[str, NDArray[Any]] = {
+        **name_stress_components(_compute_mean_stress(film)),
+        **make_masks(film.mesh),
+    }
     return make_grid(film.mesh, point_data=point_data, cell_data=cell_data)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.loads.rigid_tip import RigidTip
 from pvdf_fem.film.membrane import IDENTITY
-from pvdf_fem.problem.contact_result import select_tips
+from pvdf_fem.problem.contact_result import compute_tip_pressure, select_tips
 from pvdf_fem.view.triangles.film_fields import CornerFields
 
 
@@ -44,7 +44,7 @@ def compute_contact_fields(fields: CornerFields) -> ContactFields:
     total_pressure = np.zeros(len(fields.points))
     total_traction = np.zeros(len(fields.rows))
     for tip in select_tips(equilibrium):
-        is_touched = tip.overlap(fields.film.state).is_touching.any(axis=1)
+        is_touched = np.asarray(tip.overlap(fields.film.state).is_touching.any(axis=1))
         rows = np.flatnonzero(is_touched[fields.elements])
         gradient = _evaluate_deformation_gradient(fields, rows)
         pressure = np.zeros(len(fields.points))
@@ -82,11 +82,10 @@ def _compute_pressure(fields: CornerFields, tip: RigidTip, rows: Indices, gradie
     points = 1e-3 * values.displacement_mm[rows]
     points[:, 0] += 1e-3 * values.x_mm[rows]
     points[:, 1] += 1e-3 * values.y_mm[rows]
-    pressure = tip.compute_pressure_at(
-        points[:, None],
+    pressure = compute_tip_pressure(
+        tip.overlap_at(points[:, None], fields.film.state.dofs),
         gradient[:, None],
         stress=_extrapolate_stress(fields, rows)[:, None],
-        dofs=fields.film.state.dofs,
         thickness=fields.film.scene.film.thickness,
     )
     return pressure[:, 0]

@@ -149,9 +149,10 @@ def _compute_area_moves(on_sides: _FacetPoints, mesh: MeshTri2) -> Array:
     Notes
     -----
     A side is a parabola p + v t + a t². Between the positions t and t + d it encloses the area
-    d³ |v × a|/6 with its chord. If all points between the ends are moved by -k a, the polygon gains
-    the area k |v × a| s/2, where s sums the distance t₊ - t₋ of the two neighbours over these
-    points. Both agree for k = Σ d³/(3 s).
+    d³ |v × a|/6 with its chord. If the points between the ends are moved by -k a, with a k for each
+    point, the polygon gains the sum of the areas k |v × a| (t₊ - t₋)/2 with the positions t₊ and t₋
+    of the neighbours. k is proportional to (t - t₋) (t₊ - t), which is small where points are dense
+    and the polygon is near the side.
     """
     first, last = mesh.facets[:, on_sides.facets]
     middle = mesh.dofs.facet_dofs[0, on_sides.facets]
@@ -162,12 +163,12 @@ def _compute_area_moves(on_sides: _FacetPoints, mesh: MeshTri2) -> Array:
 
     is_first = np.append(True, on_sides.facets[1:] != on_sides.facets[:-1])
     is_last = np.append(is_first[1:], True)
-    before = np.where(is_first, 0.0, np.roll(on_sides.positions, 1))
-    after = np.where(is_last, 1.0, np.roll(on_sides.positions, -1))
-    cubes = (on_sides.positions - before) ** 3
-    cubes += np.where(is_last, (1.0 - on_sides.positions) ** 3, 0.0)
+    before = on_sides.positions - np.where(is_first, 0.0, np.roll(on_sides.positions, 1))
+    after = np.where(is_last, 1.0, np.roll(on_sides.positions, -1)) - on_sides.positions
+    cubes = before**3 + np.where(is_last, after**3, 0.0)
     facet_count = mesh.facets.shape[1]
     missing = np.bincount(on_sides.facets, cubes, facet_count)
-    gained = np.bincount(on_sides.facets, after - before, facet_count)
-    factor = missing[on_sides.facets] / (3.0 * gained[on_sides.facets])
-    return np.where(is_curved[:, None], -factor[:, None] * bend, 0.0)
+    gained = np.bincount(on_sides.facets, before * after * (before + after), facet_count)
+    factors = (missing / (3.0 * np.where(gained > 0.0, gained, 1.0)))[on_sides.facets]
+    moves = -(factors * before * after)[:, None] * bend
+    return np.where(is_curved[:, None], moves, 0.0)

@@ -112,7 +112,8 @@ class CornerFields:
         ndarray, shape (points, ...)
         """
         repeated = np.repeat(self._weights, 3)
-        weights = np.bincount(self.rows.ravel(), repeated, len(self.points))
+        totals = np.bincount(self.rows.ravel(), repeated, len(self.points))
+        weights = np.asarray(totals, dtype=np.float64)
         return _average(self.points, values, weights, count=len(self.tessellation.points))
 
     def average_triangles_at_points(self, values: Array) -> Array:
@@ -163,7 +164,8 @@ class CornerFields:
             Values times m².
         """
         areas = self.tessellation.areas
-        return np.bincount(self.tessellation.elements, areas * values, self.film.mesh.nelements)
+        totals = np.bincount(self.tessellation.elements, areas * values, self.film.mesh.nelements)
+        return np.asarray(totals, dtype=np.float64)
 
     def compute_mean_stress(self) -> Array:
         """Compute the mean stress of each triangle, with the integrals of the solution.

@@ -352,7 +352,7 @@ def _halve_sides(
     nodes = np.hstack([corners, middles_of_triangle])
     local_nodes = np.concatenate([local, local_middles], axis=1)
     has_middle = middles_of_triangle >= 0
-    is_divided = has_middle.any(axis=1)
+    is_divided = np.asarray(has_middle.any(axis=1))
     parents = [np.flatnonzero(~is_divided)]
     children = [corners[~is_divided]]
     local_children = [local[~is_divided]]
