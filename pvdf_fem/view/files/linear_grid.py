@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.film_data import FilmData
 from pvdf_fem.film.membrane import compute_principal_values
-from pvdf_fem.view.files.grid import import_meshio, make_masks, name_stress_components
+from pvdf_fem.view.files.mesh_format import add_third_coordinate, import_meshio
+from pvdf_fem.view.files.mesh_grid import MeshGrid
 from pvdf_fem.view.triangles.charge_density import compute_charge_densities
 from pvdf_fem.view.triangles.contact_fields import compute_contact_fields
 from pvdf_fem.view.triangles.film_fields import CornerFields
@@ -53,11 +54,10 @@ def make_linear_grid(film: FilmData) -> Any:
         contact = compute_contact_fields(fields)
         point_data["contact_pressure_Pa"] = fields.average_at_points(contact.pressure)
         cell_data["contact_traction_Pa"] = contact.traction
-    for name, mask in make_masks(film.mesh).items():
+    for name, mask in MeshGrid.from_mesh(film.mesh).make_masks().items():
         cell_data[name] = mask[tessellation.elements]
-    points = np.column_stack([tessellation.points, np.zeros(len(tessellation.points))])
     return import_meshio().Mesh(
-        points,
+        add_third_coordinate(tessellation.points),
         [("triangle", tessellation.corners.astype(np.int32))],
         point_data={name: _shorten(name, values) for name, values in point_data.items()},
         cell_data={name: [_shorten(name, values)] for name, values in cell_data.items()},
@@ -95,3 +95,9 @@ def _average_density(fields: CornerFields, mean_stress: Array, density: Array) -
     others = density - film.d31 * mean_stress[:, 0] - film.d32 * mean_stress[:, 1]
     by_stress = 1e-6 * fields.values.charge_density_pC_mm2
     return fields.average_at_points(by_stress) + fields.average_triangles_at_points(others)
+
+
+def name_stress_components(stress: Array) -> dict[str, Array]:
+    """Return S11, S22 and S12 of stresses in Pa, shape (n, 3), by the names of their arrays."""
+    s11, s22, s12 = np.moveaxis(stress, -1, 0)
+    return {"S11_Pa": s11, "S22_Pa": s22, "S12_Pa": s12}

@@ -18,7 +18,9 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.electrodes.film_data import FilmData
 from pvdf_fem.film.membrane import compute_principal_values
 from pvdf_fem.problem.contact_result import compute_contact_pressure
-from pvdf_fem.view.files.grid import make_grid, make_masks, name_stress_components
+from pvdf_fem.view.files.linear_grid import name_stress_components
+from pvdf_fem.view.files.mesh_grid import MeshGrid
+from pvdf_fem.view.files.vtk_mesh import make_meshio_grid
 
 
 def make_six_node_grid(film: FilmData) -> Any:
@@ -45,11 +47,14 @@ def make_six_node_grid(film: FilmData) -> Any:
     }
     if film.contacts:
         point_data["contact_pressure_Pa"] = _compute_nodal_pressure(film)
+    grid = MeshGrid.from_mesh(film.mesh)
     cell_data: dict[str, NDArray[Any]] = {
         **name_stress_components(_compute_mean_stress(film)),
-        **make_masks(film.mesh),
+        **grid.make_masks(),
     }
-    return make_grid(film.mesh, point_data=point_data, cell_data=cell_data)
+    meshio_grid = make_meshio_grid(grid, cell_data)
+    meshio_grid.point_data = point_data
+    return meshio_grid
 
 
 def _compute_mean_stress(film: FilmData) -> Array:

@@ -9,9 +9,11 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.film_data import FilmData
-from pvdf_fem.view.files.grid import ExportError, write_grid
+from pvdf_fem.files import replace_file
+from pvdf_fem.view.files.export_error import ExportError
 from pvdf_fem.view.files.linear_grid import make_linear_grid
 from pvdf_fem.view.files.six_node_grid import make_six_node_grid
+from pvdf_fem.view.files.vtk_mesh import escape_xml
 
 #: The cells of a VTU file, see `write_vtu`.
 VtuCells = Literal["linear", "six-node"]
@@ -66,8 +68,11 @@ def write_vtu(film: FilmData, path: str | Path, cells: VtuCells = "linear") -> N
     if path.suffix.lower() != ".vtu":
         raise ExportError(f"{path}: has no extension .vtu; give a name that ends in .vtu")
     grid = make_linear_grid(film) if cells == "linear" else make_six_node_grid(film)
-    grid.field_data = _make_field_data(film)
-    write_grid(grid, path, "vtu")
+    # meshio does not escape names
+    grid.cell_data = {escape_xml(name): values for name, values in grid.cell_data.items()}
+    with replace_file(path) as temporary:
+        grid.write(temporary, file_format="vtu")
+        _add_field_data(temporary, _make_field_data(film))
 
 
 def _make_field_data(film: FilmData) -> dict[str, Array]:
@@ -87,3 +92,27 @@ def _make_field_data(film: FilmData) -> dict[str, Array]:
         if text:
             data[key] = np.frombuffer(text.encode(), dtype=np.uint8)
     return data
+
+
+def _add_field_data(path: Path, arrays: dict[str, Array]) -> None:
+    """Insert arrays as field data into an existing VTU file, which meshio reads but cannot write.
+
+    Parameters
+    ----------
+    path : Path
+        The VTU file, which is changed.
+    arrays : dict of str to ndarray, shape (n,)
+        Arrays of 64-bit floats or of bytes by name.
+    """
+    # VTK's types by the kind of numpy's
+    types = {"f": "Float64", "u": "UInt8"}
+    elements = []
+    for name, array in arrays.items():
+        values = " ".join(map(str, array.tolist()))
+        elements.append(
+            f'<DataArray type="{types[array.dtype.kind]}" Name="{escape_xml(name)}"'
+            f' format="ascii" NumberOfTuples="{array.size}">{values}</DataArray>'
+        )
+    grid = "<UnstructuredGrid>"
+    with_data = "\n".join([grid, "<FieldData>", *elements, "</FieldData>"])
+    path.write_text(path.read_text("utf-8").replace(grid, with_data, 1), "utf-8")
