@@ -111,6 +111,5 @@ class TouchLog:
             return
         misreading = find_misreading(problem, channels, peaks, unit)
         if misreading:
-            self._notes.add(
-                f"touches could not be located, but could if {misreading.text}: {misreading.advice}"
-            )
+            text = f"touches could not be located, but could if {misreading.text}"
+            self._notes.add("misreading", f"{text}: {misreading.advice}")
