@@ -263,6 +263,15 @@ def _parse_range(
     """Parse a table with the keys of `ValueRange`, and append errors to a list.
 
     An empty tuple is returned if there are errors. See `_parse_values` for the parameters.
+
+    Parameters
+    ----------
+    where : str
+        Key of the table, for messages.
+    table : mapping
+        The table.
+    errors : list of str
+        Receives the messages.
     """
     try:
         numbers = ValueRange.model_validate(table)
