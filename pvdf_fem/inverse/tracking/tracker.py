@@ -422,6 +422,8 @@ class Tracker:
             Reason why the contact was cut off. Default: None, the contact has ended.
         """
         self._log.add_contact(contact, touches, status)
+        for number, count in contact.saturated_counts.items():
+            self._signal.filter.clipped_counts[number] += count
         times_s, voltages = contact.record.get_voltages_after_end()
         self._baseline.replace_residuals(times_s, voltages)
         self._contact = None
