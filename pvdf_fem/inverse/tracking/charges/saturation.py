@@ -12,6 +12,11 @@ from pvdf_fem.inverse.tracking.charges.sample_buffer import BufferedSamples
 
 #: Channels with a larger noise have no readings.
 MAX_NOISE_V = 1e3
+#: Smaller changes, as a fraction of the noise, are those of the baseline under equal readings.
+EQUAL_FRACTION = 0.01
+#: Fraction of the changes that are smaller than the resolution. Noise makes one change of twenty
+#: that is below a tenth of its standard deviation.
+RESOLUTION_QUANTILE = 0.05
 #: Voltages within this number of noise deviations of the extreme one belong to its plateau.
 PLATEAU_DEVIATIONS = 6.0
 #: Smallest number of rows of a plateau.
@@ -66,39 +71,45 @@ def find_saturated_channels(
         # The noise variance of a channel without readings is that of missing ones.
         is_known &= noise_V < MAX_NOISE_V
         if rate and is_known:
-            count = _measure_plateau(rows.voltages[:, number], noise_V, rate * interval_s)
+            voltages = rows.voltages[:, number]
+            measured = voltages[~np.isnan(voltages)]
+            decay = rate * interval_s
+            # The voltage swings to the other side when a touch is released.
+            count = max(
+                _measure_plateau(measured, noise_V, decay),
+                _measure_plateau(-measured, noise_V, decay),
+            )
             if count:
                 found[number] = count
     return found
 
 
 def _measure_plateau(voltages: Array, noise_V: float, decay: float) -> int:
-    """Return the number of rows of the plateau of a channel; 0 if it has none.
+    """Return the number of rows of the plateau at the highest voltage; 0 if there is none.
 
     Parameters
     ----------
     voltages : ndarray, shape (n,)
-        Voltages in V; NaN where they are missing.
+        Voltages in V.
     noise_V : float
         Standard deviation of a voltage.
     decay : float
         Fraction of a voltage that is lost from one row to the next.
     """
-    measured = voltages[~np.isnan(voltages)]
-    if len(measured) < MIN_PLATEAU_ROWS + RISE_ROWS:
+    if len(voltages) < MIN_PLATEAU_ROWS + RISE_ROWS:
         return 0
-    highest = int(np.abs(measured).argmax())
-    sizes = math.copysign(1.0, float(measured[highest])) * measured
-    limit = float(sizes[highest]) - PLATEAU_DEVIATIONS * noise_V
-    falls = np.flatnonzero(sizes < limit)
+    noise_V = max(noise_V, _estimate_resolution(voltages, noise_V))
+    highest = int(voltages.argmax())
+    limit_V = float(voltages[highest])
+    falls = np.flatnonzero(voltages < limit_V - PLATEAU_DEVIATIONS * noise_V)
     first = int(max(falls[falls < highest], default=-1)) + 1
-    end = int(min(falls[falls > highest], default=len(sizes)))
+    end = int(min(falls[falls > highest], default=len(voltages)))
     count = end - first
     if count < MIN_PLATEAU_ROWS or first < RISE_ROWS:
         return 0
     # The first and the last row may be partly on the flanks.
-    plateau = sizes[first + 1 : end - 1]
-    if decay * count * sizes[highest] < MIN_DECAY * noise_V:
+    plateau = voltages[first + 1 : end - 1]
+    if decay * count * limit_V < MIN_DECAY * noise_V:
         return 0
     scatter = float(plateau.std()) / noise_V
     if scatter > MAX_SCATTER:
@@ -106,7 +117,27 @@ def _measure_plateau(voltages: Array, noise_V: float, decay: float) -> int:
     # The standard deviation of n normal variables has the relative error 1/√(2 n).
     is_quiet = scatter < 1.0 - QUIET_DEVIATIONS / math.sqrt(2.0 * count)
     min_rise = MIN_RISE_TO_QUIET_PLATEAU if is_quiet else MIN_RISE
-    rise_V = float(plateau.mean() - sizes[first - RISE_ROWS])
+    rise_V = float(plateau.mean() - voltages[first - RISE_ROWS])
     growth = max((1.0 + 2.0 * RISE_ROWS / count) ** 2, math.exp(min(RISE_ROWS * decay, 10.0)))
     is_abrupt = rise_V > min_rise * growth * PLATEAU_DEVIATIONS * noise_V
     return count if is_abrupt else 0
+
+
+def _estimate_resolution(voltages: Array, noise_V: float) -> float:
+    """Estimate the step of a converter that is coarser than the noise, in V.
+
+    Parameters
+    ----------
+    voltages : ndarray, shape (n,)
+        Voltages in V.
+    noise_V : float
+        Standard deviation of a voltage.
+
+    Returns
+    -------
+    float
+        Small compared with the noise if the converter is fine.
+    """
+    changes = np.abs(np.diff(voltages))
+    changes = changes[changes > EQUAL_FRACTION * noise_V]
+    return float(np.quantile(changes, RESOLUTION_QUANTILE)) if len(changes) else 0.0

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from pvdf_fem.inverse.tracking.charges.saturation import find_saturated_channels
 from pvdf_fem.inverse.tracking.charges.sample_buffer import BufferedSamples
+from pvdf_fem.inverse.tracking.charges.saturation import find_saturated_channels
 
 NOISE_V = 1e-3
 RATE_HZ = 500.0
@@ -76,6 +76,15 @@ def test_a_limit_with_noise_on_it_is_found(force_shape, fraction, plateau_noise_
 def test_peaks_and_decays_of_touches_are_not_limits(force_shape, time_constant_s, seed):
     voltages = read_out(make_tap(force_shape), time_constant_s)
     assert find_plateau(voltages + make_noise(NOISE_V, seed), time_constant_s) == 0
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("step_V", [2e-3, 5e-3, 2e-2])
+@pytest.mark.parametrize("force_shape", ["tap", "hold"])
+def test_readings_in_coarse_steps_are_not_limits(force_shape, step_V, seed):
+    """Many readings at the peak are equal."""
+    voltages = read_out(make_tap(force_shape), 1.0) + make_noise(NOISE_V, seed)
+    assert find_plateau(step_V * np.round(voltages / step_V)) == 0
 
 
 def test_charge_that_comes_evenly_is_no_limit():
