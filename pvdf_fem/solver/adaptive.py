@@ -26,9 +26,9 @@ from pvdf_fem.electrodes.unloaded import compute_uniform_integrals
 from pvdf_fem.film.loads.contact_edge import measure_contact_outlines
 from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
 from pvdf_fem.mesh.gmsh_mesh import MeshError
-from pvdf_fem.mesh.symmetry import WHOLE_FILM
 from pvdf_fem.problem.contact_result import select_tips
-from pvdf_fem.problem.outputs import piezo_coefficients
+from pvdf_fem.problem.equilibrium import Equilibrium
+from pvdf_fem.problem.outputs import get_piezo_coefficients
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
@@ -197,7 +197,7 @@ def compute_unloaded_integrals(problem: Problem, *, required: bool = True) -> St
 
 def compute_unloaded_charges(problem: Problem) -> Array:
     """Compute the charges of the unloaded film in C, shape (outputs,); see `solve_unloaded`."""
-    return solve_unloaded(problem).charges(piezo_coefficients(problem.unloaded_outputs))
+    return solve_unloaded(problem).charges(get_piezo_coefficients(problem.unloaded_outputs))
 
 
 def solve_outputs(
@@ -226,16 +226,19 @@ def solve_outputs(
     SceneError
         If a mesh is given and the scene has tips, whose contacts a mesh has to follow.
     """
-    problem.check_profiles()
+    problem.resolve()
     if mesh is not None:
         problem.scene.require_no_tips("a mesh that is given")
     if budget is None:
         budget = Budget.for_problem(problem)
     logger.info("solve a %s with %d outputs", problem.film_model_name, len(problem.outputs))
-    run = SolveRun(problem, order, budget=budget, timer=StageTimer())
-    loop = _make_adaptive_loop(run, is_mesh_given=mesh is not None)
+    run = SolveRun(problem, budget, timer=StageTimer())
+    loop = _make_adaptive_loop(run, order)
     if mesh is not None:
-        level = loop.solve_on_given_mesh(mesh, coarser=None, start=time.perf_counter())
+        start = time.perf_counter()
+        with run.timer("solve"):
+            equilibrium = Equilibrium(problem, mesh, order)
+        level = loop.solve_and_record(equilibrium, coarser=None, start=start)
         return _make_solution(level, Stop.GIVEN_MESH, loop.history)
     try:
         level, stop = loop.run()
@@ -258,23 +261,19 @@ def solve_outputs(
     return _make_solution(level, stop, loop.history)
 
 
-def _make_adaptive_loop(run: SolveRun, *, is_mesh_given: bool) -> AdaptiveLoop[MeshLevel]:
-    """Make the adaptive loop of a solve, on a sector of the film unless a mesh is given."""
+def _make_adaptive_loop(run: SolveRun, order: int) -> AdaptiveLoop[MeshLevel]:
+    """Make the adaptive loop of a solve in elements of an order."""
     problem = run.problem
-    sector = WHOLE_FILM if is_mesh_given else problem.sector
-
-    def solve_on(mesh: MeshTri2, coarser: MeshLevel | None) -> MeshLevel:
-        return solve_on_mesh(run, mesh, sector=sector, coarser=coarser)
-
     return AdaptiveLoop(
         problem,
-        first_sizes=partial(choose_first_sizes, problem, run.order),
-        solve_on=solve_on,
+        order,
+        first_sizes=partial(choose_first_sizes, problem, order),
+        solve_equations=partial(solve_on_mesh, run),
         next_sizes=choose_next_sizes,
         budget=run.budget,
         timer=run.timer,
-        unknowns_per_element=UNKNOWNS_PER_ELEMENT[run.order],
-        sector=sector,
+        unknowns_per_element=UNKNOWNS_PER_ELEMENT[order],
+        sector=problem.sector,
         find_contacts=partial(_find_contact_outlines, problem),
     )
 
@@ -311,6 +310,15 @@ def _make_solution(level: MeshLevel, stop: Stop, history: Sequence[MeshRecord]) 
     """Make the solution from the solve on one mesh, with status, effects and warnings.
 
     If wrinkles would change a charge by more than its error, the change replaces the error.
+
+    Parameters
+    ----------
+    level : MeshLevel
+        The solve on one mesh.
+    stop : Stop
+        Reason why no further mesh was made.
+    history : sequence of MeshRecord
+        Records of all meshes.
     """
     problem = level.problem
     discrete = level.discrete
@@ -398,6 +406,17 @@ def _explain_status(level: MeshLevel, status: Status, *, stop: Stop, change: flo
     If the tolerance is not reached, the advice includes the tolerance that can be reached. If the
     solve has converged, but the relative `change` of a charge due to wrinkles exceeds the
     tolerance, it includes this change.
+
+    Parameters
+    ----------
+    level : MeshLevel
+        The level of the result.
+    status : Status
+        Status of the solution.
+    stop : Stop
+        Reason why no further mesh was made.
+    change : float or None
+        Largest relative change of a charge due to wrinkles; None if it was not estimated.
     """
     tolerance = level.problem.scene.numerics.tolerance
     if status is Status.TOLERANCE:

@@ -15,10 +15,11 @@ from collections.abc import Mapping, Sequence
 
 from pvdf_fem.electrodes.channel import get_reading_unit, make_channels
 from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE
-from pvdf_fem.inverse.tracking.contact import Contact, EndedTouch
+from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.contact_watch import ContactWatch
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
 from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
+from pvdf_fem.inverse.tracking.problem.ended_touch import EndedTouch
 from pvdf_fem.inverse.tracking.problem.fixed_quantities import resolve_fixed_quantities
 from pvdf_fem.inverse.tracking.reading_input import ReadingInput
 from pvdf_fem.inverse.tracking.result_builder import ResultBuilder
@@ -385,9 +386,11 @@ class Tracker:
         if frozen is not None:
             filters[frozen].reject_limit()
             contact.exclude_channel(frozen)
-        for number, channel in enumerate(self._baseline.channels):
-            is_frozen = filters[number].validity is Validity.FROZEN
-            if contact.is_settled[number] and (is_frozen or not channel.is_settled):
+        for number, (channel, channel_filter) in enumerate(
+            zip(self._baseline.channels, filters, strict=True)
+        ):
+            is_frozen = channel_filter.validity is Validity.FROZEN
+            if (is_frozen or not channel.is_settled) and contact.is_settled[number]:
                 contact.exclude_channel(number)
 
     def _cut_contact_off(self, contact: Contact, status: TrackStatus | None = None) -> None:
