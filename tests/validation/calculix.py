@@ -140,8 +140,8 @@ def read_record() -> dict[str, dict[str, Row]]:
     "The same sensors in CalculiX",
     source="CalculiX 2.20 with decks like those of `pvdf-fem deck` (M3D3, large deflections) on two"
     " nested meshes; stresses converted to charges; Richardson's extrapolation",
-    why="extrapolation leaves a tenth of the mesh's error of up to 4e-3; the deflection is the largest"
-    " of the nodes, which miss its peak; on the same mesh the codes agree to 2e-5",
+    why="extrapolation leaves a tenth of the mesh's error of up to 4e-3; the deflection is the"
+    " largest one of the nodes, which miss its peak; on the same mesh the codes agree to 2e-5",
 )
 def calculix() -> Iterator[Number]:
     for name, rows in read_record().items():

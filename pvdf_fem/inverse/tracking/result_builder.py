@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.inverse.tracking.contact import Contact
+from pvdf_fem.inverse.tracking.contact import Contact, EndedTouch
 from pvdf_fem.inverse.tracking.problem.contact_problem import CandidateTouches, ContactProblem
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
@@ -30,29 +30,33 @@ class ResultBuilder:
         self._problem = problem
         self._names = names
         self._rotation_period_deg = find_rotation_period_deg(problem.response)
+        #: Candidates of the last row, and a row with their place.
+        self._located: CandidateTouches | None = None
+        self._located_row = TrackRow(math.nan, TrackStatus.TOUCH)
 
-    def summarise_contact(
-        self, contact: Contact, number: int, status: TrackStatus | None
+    def summarise_touch(
+        self, touch: EndedTouch, contact: Contact, *, number: int, status: TrackStatus | None
     ) -> TouchSummary:
-        """Summarise a contact at the sample from which it was last located.
+        """Summarise a touch at the sample from which it was last located.
 
         If it is not located, the summary is that of the sample with the largest charges, without
         position and force.
 
         Parameters
         ----------
+        touch : EndedTouch
+            Touch that has ended or is cut off.
         contact : Contact
-            Contact that has ended or is cut off.
+            Contact that the touch belongs to.
         number : int
             Number of the touch.
         status : TrackStatus, optional
             Status of a contact that was cut off. Default: the status that follows from its touch.
         """
-        record = contact.record
-        locator = contact.locator
-        candidates = locator.candidates
+        candidates = touch.candidates
         if candidates is None:
-            row = TrackRow(contact.peak_time_s, TrackStatus.STARTING, touch=number)
+            peak_s = touch.largest.time_s if touch.largest else touch.onset_s
+            row = TrackRow(peak_s, TrackStatus.STARTING, touch=number)
         else:
             row = self._make_touch_row(
                 candidates.sample.time_s,
@@ -66,17 +70,17 @@ class ResultBuilder:
         values["clipped"] = self._join_names(contact.was_clipped.tolist())
         if status is not None:
             values["status"] = status
-        elif contact.is_hidden_by_clipping:
+        elif contact.is_hidden_by_clipping(touch):
             values["status"] = TrackStatus.CLIPPED
             values["force_N"] = math.nan
             values["force_deviation_N"] = math.nan
-        elif contact.begins_in_pause or record.is_peak_hidden:
+        elif contact.begins_in_pause or contact.record.is_peak_hidden:
             values["status"] = TrackStatus.LOST
         return TouchSummary(
             **values,
-            onset_s=record.onset_s,
-            end_s=record.end_s,
-            impulse_N_s=math.nan if math.isnan(row.force_N) else locator.impulse_N_s,
+            onset_s=touch.onset_s,
+            end_s=touch.end_s,
+            impulse_N_s=math.nan if math.isnan(row.force_N) else touch.impulse_N_s,
         )
 
     def _join_names(self, is_named: Sequence[bool]) -> str:
@@ -160,11 +164,12 @@ class ResultBuilder:
         missing, clipped : str
             Names of the channels without a reading, and of clipped ones, in this sample.
         """
-        problem = self._problem
-        x_mm, y_mm, rotation_deg = candidates.likeliest_pose
-        force_N = math.exp(coordinates[TouchColumn.FORCE])
-        x_deviation, y_deviation, rotation_deviation, log_deviation = candidates.deviations.tolist()
-        lowest_N, highest_N = problem.response.domain.force_N
+        if candidates is not self._located:
+            self._located = candidates
+            self._located_row = self._make_located_row(candidates)
+        log_force = float(coordinates[TouchColumn.FORCE])
+        force_N = math.exp(log_force)
+        lowest_N, highest_N = self._problem.response.domain.force_N
         if not candidates.is_explained:
             status = TrackStatus.UNEXPLAINED
         elif force_N < lowest_N:
@@ -174,22 +179,32 @@ class ResultBuilder:
         else:
             status = TrackStatus.TOUCH
         # A force at the upper end of the extrapolated range is unknown.
-        if coordinates[TouchColumn.FORCE] >= problem.log_force_range[1]:
+        if log_force >= self._problem.log_force_range[1]:
             force_N = math.nan
-        return TrackRow(
-            time_s,
-            status,
+        log_deviation = float(candidates.deviations[TouchColumn.FORCE])
+        return self._located_row.copy_with(
+            t_s=time_s,
+            status=status,
             touch=number,
+            force_N=force_N,
+            force_deviation_N=log_deviation * force_N,
+            chi_square=chi_square,
+            missing=missing,
+            clipped=clipped,
+        )
+
+    def _make_located_row(self, candidates: CandidateTouches) -> TrackRow:
+        """Make a row with the place of the likeliest candidate, which many samples share."""
+        x_mm, y_mm, rotation_deg = candidates.likeliest_pose
+        x_deviation, y_deviation, rotation_deviation, _ = candidates.deviations.tolist()
+        return TrackRow(
+            candidates.sample.time_s,
+            TrackStatus.TOUCH,
             x_mm=x_mm,
             y_mm=y_mm,
-            force_N=force_N,
             rotation_deg=rotation_deg % self._rotation_period_deg,
             x_deviation_mm=x_deviation,
             y_deviation_mm=y_deviation,
-            force_deviation_N=log_deviation * force_N,
             rotation_deviation_deg=rotation_deviation,
-            chi_square=chi_square,
             alternatives=len(candidates),
-            missing=missing,
-            clipped=clipped,
         )

@@ -44,7 +44,7 @@ DAT = """
  stresses (elem, integ.pnt.,sxx,syy,szz,sxy,sxz,syz) for set ELECTRODE_A and time  0.2000000E+01
 
          7   1  1.000000E+06  2.000000E+06  0.000000E+00  3.000000E+00  0.000000E+00  0.000000E+00
-         7   2  3.000000E+06  2.000000E+06  0.000000E+00  3.000000E+00  0.000000E+00  0.000000E+00 _s
+         7   2  3.000000E+06  2.000000E+06  0.000000E+00 3.000000E+00  0.000000E+00  0.000000E+00 _s
 
  strains (elem, integ.pnt.,exx,eyy,ezz,exy,exz,eyz) for set ELECTRODE_A and time  0.2000000E+01
 

@@ -1,0 +1,98 @@
+"""The unit and the place of a mesh, from the radius and the centre of its film."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.mesh.files.content import MeshFileError
+
+#: Units of mesh files in m.
+UNITS_M = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "µm": 1e-6, "in": 25.4e-3}
+# Units that need no note.
+_USUAL_UNITS = ("m", "mm")
+
+
+class Placement(NamedTuple):
+    """How coordinates of a mesh file become coordinates of the scene."""
+
+    unit_m: float  #: Size of the unit in m.
+    centre: Array  #: Centre of the film in the unit of the file, shape (2,).
+    notes: tuple[str, ...]  #: What is unusual.
+
+    def apply(self, points: Array) -> Array:
+        """Return points of the file in m about the film's centre, shape (nodes, 2)."""
+        return self.unit_m * (points - self.centre)
+
+
+def find_placement(border: Array, radius_m: float, slack: float) -> Placement:
+    """Find the unit and the centre of a mesh from the nodes on its boundary.
+
+    A film about the origin is not moved, even if its centre differs by a fraction of `slack`.
+
+    Parameters
+    ----------
+    border : ndarray, shape (n, 2)
+        Nodes on the boundary of the mesh, in an unknown unit.
+    radius_m : float
+        Radius of the film in m.
+    slack : float
+        Maximum relative difference of the radii.
+
+    Returns
+    -------
+    Placement
+
+    Raises
+    ------
+    MeshFileError
+        If the film has another radius in every unit, or is not round.
+    """
+    reach = float(np.hypot(border[:, 0], border[:, 1]).max())
+    unit = _find_unit(reach, radius_m, slack=slack)
+    if unit is not None:
+        return Placement(UNITS_M[unit], np.zeros(2), _describe_unit(unit))
+    centre = _fit_centre(border)
+    radii = np.linalg.norm(border - centre, axis=1)
+    largest = float(radii.max())
+    unit = _find_unit(largest, radius_m, slack=slack)
+    x, y = centre
+    if unit is None or radii.min() < (1.0 - slack) * largest:
+        where = "the origin" if np.hypot(x, y) < slack * reach else f"({x:.6g}, {y:.6g})"
+        units = ", ".join(UNITS_M)
+        raise MeshFileError(
+            f"has nodes up to {reach:.6g} from the origin, and its boundary is between"
+            f" {radii.min():.6g} and {largest:.6g} from {where}, but film.radius_mm ="
+            f" {1e3 * radius_m:g}; give the whole film in one of {units}, or another film.radius_mm"
+        )
+    moved = f"the film about ({x:.6g}, {y:.6g}) {unit} was moved to the origin"
+    return Placement(UNITS_M[unit], centre, (*_describe_unit(unit), moved))
+
+
+def _find_unit(reach: float, radius_m: float, slack: float) -> str | None:
+    """Return the name of the unit in which a length is the radius, or None if there is none."""
+    for name, unit in UNITS_M.items():
+        if abs(reach * unit / radius_m - 1.0) <= slack:
+            return name
+    return None
+
+
+def _describe_unit(name: str) -> tuple[str, ...]:
+    """Return a note on an unusual unit."""
+    return () if name in _USUAL_UNITS else (f"its unit was found to be {name}",)
+
+
+def _fit_centre(border: Array) -> Array:
+    """Fit the centre of a circle to points by linear least squares, shape (2,).
+
+    Notes
+    -----
+    The unknowns of |x|² = 2 c·x + d are the centre c and d = r² - |c|² (Kåsa 1976).
+    """
+    middle = border.mean(axis=0)
+    offsets = border - middle
+    system = np.column_stack([2.0 * offsets, np.ones(len(offsets))])
+    solution, *_ = np.linalg.lstsq(system, np.square(offsets).sum(axis=1))
+    return middle + solution[:2]
