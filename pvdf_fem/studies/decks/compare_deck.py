@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.problem.problem import Problem
-from pvdf_fem.scene.arguments import SceneLike
+from pvdf_fem.scene.arguments import SceneLike, coerce
 from pvdf_fem.solver.adaptive import solve_problem
+from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
 from pvdf_fem.studies.decks.deck_mesh import make_straight_mesh, solve_on_mesh
 from pvdf_fem.summary import Summary, TabularResult, TextTable
 from pvdf_fem.view.deck.calculix_results import CalculixResults
@@ -141,13 +142,16 @@ def compare_deck(
     """
     problem = Problem.from_scene(scene)
     require_deck(problem)
-    results_path = Path(results)
+    results_path = coerce("results", results, Path)
+    default = results_path.with_suffix(".inp")
+    deck_path = default if deck is None else coerce("deck", deck, Path)
     found = CalculixResults.read(results_path)
-    deck_path = results_path.with_suffix(".inp") if deck is None else Path(deck)
     grid = read_deck_grid(deck_path, problem.scene)
     theirs = compute_deck_charges(problem.scene, grid, found)
     coarse = solve_on_mesh(problem, make_straight_mesh(grid))
     ours = solve_problem(problem)
+    if ours.status is not Status.CONVERGED:
+        raise NotConvergedError(f"{ours.status}: {ours.reason}")
     deflections = [abs(displacement[2]) for displacement in found.displacements.values()]
     return DeckComparison(
         quantities=(*theirs, DEFLECTION),

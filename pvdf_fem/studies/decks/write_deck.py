@@ -10,6 +10,7 @@ from pvdf_fem.files import replace_file
 from pvdf_fem.mesh.subdomains import collect_outlines
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.arguments import SceneLike, coerce
+from pvdf_fem.scene.scene_file import format_error
 from pvdf_fem.studies.decks.deck_mesh import DeckMesh, make_deck_mesh
 from pvdf_fem.summary import Result, Summary, TextTable
 from pvdf_fem.view.deck.deck_file import InputDeck
@@ -129,10 +130,11 @@ def write_deck(
     >>> deck = write_deck(Scene.example("triangle"), "film.inp")
     >>> deck.mesh_error
     """
-    path = check_deck_path(path)
+    path = check_deck_path(coerce("path", path, Path))
+    program = coerce("program", program, str)
     if program not in DIALECTS:
-        advice = f"choose from {', '.join(DIALECTS)}"
-        raise ExportError(f"program = {program}: is not known; {advice}")
+        reason = f"is not known; choose from {', '.join(DIALECTS)}"
+        raise ExportError(format_error("program", program, reason))
     tolerance = coerce("tolerance", tolerance, float, (1e-4, 0.1))
     problem = Problem.from_scene(scene)
     require_deck(problem)
@@ -153,9 +155,8 @@ def write_deck(
     )
 
 
-def check_deck_path(path: str | Path) -> Path:
+def check_deck_path(path: Path) -> Path:
     """Return the path of a deck, or raise `ExportError` if it does not end in ``.inp``."""
-    path = Path(path)
     if path.suffix.lower() != ".inp":
         raise ExportError(f"{path}: has no extension .inp; give a name that ends in .inp")
     return path
