@@ -71,6 +71,7 @@ CALLS = {
     "dataset": "S",
     "write_deck": "s, 'none.inp'",
     "compare_deck": "s, 'none.dat'",
+    "draw": "S, 'none.svg'",
     "Tracker": "m",
     "Solution.at": "s, 0.0, 0.0",
     "Solution.along": "s, [(0.0, 0.0), (1.0, 1.0)]",
@@ -161,6 +162,8 @@ MISTAKES = {
     "pf.Tracker(m).update(0, ['a', 2, 3, 4])": "readings",
     "pf.design(s, ['electrodes.count'])": "vary",
     "pf.Tracker()": "Tracker",
+    "pf.draw(S, 'a.png')": "path",
+    "pf.draw(S, 'a.dxf', dxf_version='R13')": "dxf_version",
     "pf.design(s, {'load.force_N': [1]}, response=3)": "response",
 }
 
