@@ -7,17 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.mesh.files.content import MeshContent, MeshFileError
 from pvdf_fem.mesh.six_node import SIDES
 
-#: Nodes closer than this fraction of the film's size are one node: less than the size of any
-#: element, more than the round-off of files with six digits.
-MERGING_DISTANCE = 2e-7
+# Nodes closer than these fractions of the film's size and of the median side are one node. The
+# first is less than the size of any element and more than the round-off of 32-bit coordinates; the
+# second limits the distance if a damaged file has a node far away.
+_MERGING_FRACTION = 2e-7
+_MERGING_FRACTION_OF_SIDE = 1e-3
 # Differences of z up to this fraction of the film's size are round-off.
 _FLATNESS = 1e-6
+# Larger coordinates come from damaged files; their squares and sums would overflow.
+_LARGEST_COORDINATE = 1e100
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +102,8 @@ def _require_triangles(content: MeshContent) -> None:
 
 def _require_flat(points: Array) -> None:
     """Raise `MeshFileError` unless points of shape (nodes, 3) are in a plane of constant z."""
-    if not np.isfinite(points).all():
-        raise MeshFileError("has nodes without a place (nan or inf); write the mesh again")
+    if not (np.abs(points) < _LARGEST_COORDINATE).all():  # also of nan
+        raise MeshFileError("has nodes at nan, inf or beyond 1e100; write the mesh again")
     size = np.ptp(points, axis=0).max()
     heights = points[:, 2]
     if np.ptp(heights) > _FLATNESS * size:
@@ -129,8 +132,12 @@ def _merge_nodes(points: Array, triangles: Indices) -> tuple[Array, Indices, int
     merged : int
         Number of nodes that were merged with others.
     """
+    from scipy.spatial import KDTree  # slow to import, and solves without a file do not need it
+
     size = np.ptp(points, axis=0).max()
-    pairs = KDTree(points).query_pairs(MERGING_DISTANCE * size, output_type="ndarray")
+    sides = np.linalg.norm(points[triangles[:, 1]] - points[triangles[:, 0]], axis=1)
+    distance = min(_MERGING_FRACTION * size, _MERGING_FRACTION_OF_SIDE * float(np.median(sides)))
+    pairs = KDTree(points).query_pairs(distance, output_type="ndarray")
     if not len(pairs):
         return points, triangles, 0
     links = sp.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points),) * 2)

@@ -159,5 +159,5 @@ def list_outline_errors(
             yield (
                 f"{name}: the mesh does not follow its outline of {1e6 * outline.area:.6g} mm2"
                 f" about ({x:.6g}, {y:.6g}) mm: the triangles inside have {1e6 * area:.6g} mm2;"
-                " embed the outline in the mesh"
+                " embed the outline in the mesh, or correct the scene"
             )

@@ -58,14 +58,14 @@ def find_placement(border: Array, radius_m: float, slack: float) -> Placement:
     radii = np.linalg.norm(border - centre, axis=1)
     largest = float(radii.max())
     unit = _find_unit(largest, radius_m, slack=slack)
+    is_round = radii.min() >= (1.0 - slack) * largest
     x, y = centre
-    if unit is None or radii.min() < (1.0 - slack) * largest:
-        where = "the origin" if np.hypot(x, y) < slack * reach else f"({x:.6g}, {y:.6g})"
-        units = ", ".join(UNITS_M)
+    if unit is None or not is_round:
+        size = f"{largest:.6g}" if is_round else f"between {radii.min():.6g} and {largest:.6g}"
         raise MeshFileError(
-            f"has nodes up to {reach:.6g} from the origin, and its boundary is between"
-            f" {radii.min():.6g} and {largest:.6g} from {where}, but film.radius_mm ="
-            f" {1e3 * radius_m:g}; give the whole film in one of {units}, or another film.radius_mm"
+            f"has a film with the radius {size} about ({_format(x, reach)}, {_format(y, reach)}),"
+            f" but film.radius_mm = {1e3 * radius_m:g}; give the whole film in one of the units"
+            f" {', '.join(UNITS_M)}, or change film.radius_mm"
         )
     moved = f"the film about ({x:.6g}, {y:.6g}) {unit} was moved to the origin"
     return Placement(UNITS_M[unit], centre, (*_describe_unit(unit), moved))
@@ -84,6 +84,11 @@ def _describe_unit(name: str) -> tuple[str, ...]:
     return () if name in _USUAL_UNITS else (f"its unit was found to be {name}",)
 
 
+def _format(coordinate: float, reach: float) -> str:
+    """Format a coordinate of the centre, without round-off, for messages."""
+    return f"{round(coordinate / reach, 9) * reach + 0.0:.6g}"
+
+
 def _fit_centre(border: Array) -> Array:
     """Fit the centre of a circle to points by linear least squares, shape (2,).
 
@@ -92,7 +97,8 @@ def _fit_centre(border: Array) -> Array:
     The unknowns of |x|² = 2 c·x + d are the centre c and d = r² - |c|² (Kåsa 1976).
     """
     middle = border.mean(axis=0)
-    offsets = border - middle
+    size = np.abs(border - middle).max()
+    offsets = (border - middle) / size
     system = np.column_stack([2.0 * offsets, np.ones(len(offsets))])
     solution, *_ = np.linalg.lstsq(system, np.square(offsets).sum(axis=1))
-    return middle + solution[:2]
+    return middle + size * solution[:2]

@@ -95,6 +95,7 @@ def read_content(path: Path) -> MeshContent:
     reader = READERS.get(extension)
     if reader is None:
         formats = " ".join(READERS)
-        advice = _ADVICE.get(extension, "write it in one of them").format(name=path.name)
+        advice = _ADVICE.get(extension, "write the mesh in one of them, best as .msh or .vtu")
+        advice = advice.format(name=path.name)
         raise MeshFileError(f"has none of the supported extensions {formats}; {advice}")
     return reader.read(path)

@@ -92,6 +92,14 @@ def add_another(grid: Any) -> Any:
     return grid.merge(grid.translate((100.0, 0.0, 0.0)), merge_points=False)
 
 
+def stretch(grid: Any) -> Any:
+    """A damaged file, in which one node of many is far away."""
+    points = grid.points.copy()
+    points[7] = [1e60, -1e70, 0.0]
+    grid.points = points
+    return grid
+
+
 def halve(grid: Any) -> Any:
     """A half of the film."""
     return grid.extract_cells(np.flatnonzero(grid.cell_centers().points[:, 0] < 0.0))
@@ -102,6 +110,7 @@ def halve(grid: Any) -> Any:
     [
         (LINEAR, bend, "not flat"),
         (LINEAR, add_another, "2 pieces"),
+        (LINEAR, stretch, "without an area"),
         (QUADRATIC, halve, "whole film"),
         (BEZIER, lambda grid: grid, "Bezier"),
     ],
