@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 from pvdf_fem.electrodes.channel import Channel
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
-from pvdf_fem.inverse.tracking.contact import Contact, EndedTouch
+from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
+from pvdf_fem.inverse.tracking.problem.ended_touch import EndedTouch
 from pvdf_fem.inverse.tracking.result_builder import ResultBuilder
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackStatus
 from pvdf_fem.inverse.tracking.stream_diagnosis import MAX_TESTED, find_misreading

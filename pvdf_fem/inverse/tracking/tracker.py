@@ -15,10 +15,11 @@ from collections.abc import Mapping, Sequence
 
 from pvdf_fem.electrodes.channel import get_reading_unit, make_channels
 from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE
-from pvdf_fem.inverse.tracking.contact import Contact, EndedTouch
+from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.contact_watch import ContactWatch
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
 from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
+from pvdf_fem.inverse.tracking.problem.ended_touch import EndedTouch
 from pvdf_fem.inverse.tracking.problem.fixed_quantities import resolve_fixed_quantities
 from pvdf_fem.inverse.tracking.reading_input import ReadingInput
 from pvdf_fem.inverse.tracking.result_builder import ResultBuilder
@@ -428,6 +429,8 @@ class Tracker:
             Reason why the contact was cut off. Default: None, the contact has ended.
         """
         self._log.add_contact(contact, touches, status)
+        for number, count in contact.saturated_counts.items():
+            self._signal.filter.clipped_counts[number] += count
         times_s, voltages = contact.record.get_voltages_after_end()
         self._baseline.replace_residuals(times_s, voltages)
         self._contact = None
