@@ -156,14 +156,14 @@ def find_symmetry_sector(scene: Scene, reflect_electrodes_below: float = 1e-4) -
     has_symmetric_profiles = all(load.profile_entry.is_symmetric for load in loads)
     if scene.film.rim_displacement_um or not (is_pressed and has_symmetric_profiles):
         return WHOLE_FILM
-    slack = LENGTH_TOLERANCE * scene.film.radius
+    slack = LENGTH_TOLERANCE * scene.film.reach
     reflects_electrodes = scene.numerics.tolerance <= reflect_electrodes_below
     best_with_reflected_electrodes = WHOLE_FILM
     for reflection in _iterate_reflections(scene, slack):
-        if _match_patches(reflection, scene, slack) is None:
+        if not _is_symmetry(reflection, scene, slack):
             continue
         mirror_line = _align_with_axis(reflection)
-        is_quarter = _match_patches(-reflection, scene, slack) is not None
+        is_quarter = _is_symmetry(-reflection, scene, slack)
         candidates: list[tuple[int, ...]] = [(0, 1)] if is_quarter else []
         candidates.append((mirror_line.axis,))
         for mirror_axes in candidates:
@@ -173,6 +173,17 @@ def find_symmetry_sector(scene: Scene, reflect_electrodes_below: float = 1e-4) -
             if reflects_electrodes and not best_with_reflected_electrodes.mirror_axes:
                 best_with_reflected_electrodes = sector
     return best_with_reflected_electrodes
+
+
+def _is_symmetry(matrix: Array, scene: Scene, slack: float) -> bool:
+    """Return whether a reflection or rotation maps the film, its probes and patches to themselves.
+
+    The parameters are those of `_match_patches`.
+    """
+    rim = scene.film.outline
+    if not rim.transform(matrix).coincides(rim, slack):
+        return False
+    return _match_patches(matrix, scene, slack) is not None
 
 
 def _make_sector(

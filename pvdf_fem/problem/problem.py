@@ -237,7 +237,7 @@ class Problem(Result):
         """Summarize the choices, effects and warnings of the problem without meshing or solving."""
         film = self.scene.film
         choices = {
-            "film": f"{film.radius_mm:g} mm radius, {film.thickness_um:g} µm thick",
+            "film": f"{film.describe_outline()}, {film.thickness_um:g} µm thick",
             "film model": self.film_model_name,
             "solved on": self._describe_sector(),
             "loads": self._describe_loads(),

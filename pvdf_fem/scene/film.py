@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Any, Literal, NamedTuple
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator
 
 from pvdf_fem.scene.keys import Affects, Key, NumberOrPair, Section, make_validation_error
-from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import Outline, has_overlap
 from pvdf_fem.scene.placed.patch import EXPANSION, MODULUS, Patch
+from pvdf_fem.scene.placed.placed_shape import ShapedTable
 from pvdf_fem.scene.registry import LAW_CLASSES
 from pvdf_fem.scene.scene_file import quote
+from pvdf_fem.scene.shapes.shape import Shape
 
 #: Key of a piezoelectric coefficient, the charge per force.
 COEFFICIENT = Key(
     "pC/N", (-1e5, 1e5), Affects.READING, usual_limits=(1e-6, 1e5), likely_units={"C/N": 1e12}
 )
+#: Sizes of films in the example of a scene file.
+EXAMPLE_SIZES: Mapping[str, Any] = {
+    "width_mm": 60.0,
+    "height_mm": 40.0,
+    "semi_axes_mm": [40.0, 30.0],
+    "side_mm": 90.0,
+    "vertices_mm": [[-40.0, -30.0], [40.0, -30.0], [30.0, 30.0], [-30.0, 30.0]],
+}
 
 
 class Layer(NamedTuple):
@@ -32,14 +43,15 @@ class Layer(NamedTuple):
     density: float  #: In kg/m³.
 
 
-class Film(Section):
-    """The film: a flat disc about the origin, clamped along its rim."""
+class Film(ShapedTable):
+    """The film, flat and clamped along its rim, whose outline may have any flat shape.
 
-    radius_mm: Annotated[
-        float,
-        Key("mm", (1e-3, 1e5), usual_limits=(0.3, 1e5), likely_units={"m": 1e3}),
-    ] = 45.0
-    """Radius of the clamped rim."""
+    The reference point of the shape, such as the centre of a rectangle, is the film's centre (0, 0).
+    """
+
+    default_shape: ClassVar[str] = "circle"
+    default_sizes: ClassVar[Mapping[str, Mapping[str, float]]] = {"circle": {"radius_mm": 45.0}}
+
     thickness_um: Annotated[
         float,
         Key(
@@ -139,6 +151,17 @@ class Film(Section):
     """Acceleration along z for the film's weight, which acts in the reference state, too. Neglected
     by default."""
 
+    @classmethod
+    def describe_size(cls, name: str, key: Key) -> Key:
+        """Return the description of a size of the rim, which affects the mechanics."""
+        return replace(
+            key,
+            affects=None,
+            usual_limits=(0.3, 1e5),
+            likely_units={"m": 1e3},
+            example=EXAMPLE_SIZES.get(name, key.example),
+        )
+
     @field_validator("poisson_ratio")
     @classmethod
     def _reject_negative_energy(cls, value: float, info: ValidationInfo) -> float:
@@ -201,10 +224,9 @@ class Film(Section):
         Refuse also a patch's thermal expansion if the film has a pretension, which determines no
         change of the temperature.
         """
-        rim_radius = info.data.get("radius_mm", np.nan) / 1e3
-        rim = Circle(np.zeros(2), rim_radius)
+        shape: Shape | None = info.data.get("geometry")
         for number, patch in enumerate(value or ()):
-            if rim_radius > 0.0 and not has_overlap(patch.outline, rim):
+            if shape is not None and not has_overlap(patch.outline, shape.outline):
                 name = f"film.patches[{number}]"
                 reason = f"{name} lies outside of the rim; move it inwards or remove it"
                 raise make_validation_error(reason)
@@ -214,15 +236,37 @@ class Film(Section):
                 raise make_validation_error(f"{reason}; remove it or film.pretension_N_m")
         return value or None
 
-    @property
-    def radius(self) -> float:
-        """Radius in m."""
-        return self.radius_mm / 1e3
-
-    @property
+    @cached_property
     def outline(self) -> Outline:
         """Outline of the clamped rim in m."""
-        return Circle(np.zeros(2), self.radius)
+        return self.geometry.outline
+
+    @property
+    def radius(self) -> float:
+        """Hydraulic radius of the film in m: its radius if it is a disc.
+
+        It is twice the area divided by the perimeter, the length by which estimates for a disc are
+        applied to other films.
+        """
+        return self.outline.hydraulic_radius
+
+    @property
+    def reach(self) -> float:
+        """Maximum distance of the rim from the film's centre, in m: the radius of a disc."""
+        return self.outline.reach
+
+    def describe_outline(self) -> str:
+        """Describe the outline in words, such as ``film of 45 mm``."""
+        if self.is_disc:
+            return f"film of {self.radius_mm:g} mm"
+        low_mm, high_mm = np.reshape(self.outline.inscribed_polygon.bounds, (2, 2)) * 1e3
+        width_mm, height_mm = high_mm - low_mm
+        return f"{self.shape} film of {width_mm:.4g} × {height_mm:.4g} mm"
+
+    @property
+    def is_disc(self) -> bool:
+        """Whether the film is a disc."""
+        return self.shape == "circle"
 
     @property
     def thickness(self) -> float:
@@ -266,7 +310,7 @@ class Film(Section):
     @property
     def distributed_force(self) -> float:
         """Magnitude of the sum of pressure force and weight in N, without the patches' weight."""
-        return float(abs((self.pressure_Pa or 0.0) + self.weight) * np.pi * self.radius**2)
+        return float(abs((self.pressure_Pa or 0.0) + self.weight) * self.outline.area)
 
     @property
     def prestrain(self) -> NDArray[np.float64]:

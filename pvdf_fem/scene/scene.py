@@ -127,7 +127,7 @@ class Scene(Result, Section):
         observable = self.numerics.observable
         probes = self._probes
         yield from find_placement_errors(
-            radius_mm=self.film.radius_mm,
+            film_shape=self.film.geometry,
             electrodes=key_electrodes(self.electrodes),
             probes=probes,
             load=self.load,
@@ -414,7 +414,7 @@ class Scene(Result, Section):
         values = flatten(self.to_json(), lists=True)
         rows = tuple((key, quote(value)) for key, value in values.items())
         table = TextTable(("key", "value"), rows)
-        film = f"film of {self.film.radius_mm:g} mm"
+        film = self.film.describe_outline()
         sentence = f"electrodes {names}, {probes}"
         return Summary(film, [sentence], tables=[table], notes=self.warnings)
 

@@ -193,7 +193,8 @@ def _estimate_edge_changes(
     a = film.radius
     b = _compute_equivalent_radius(press.outline)
     # the lower bound keeps the changes finite for a probe that touches the rim
-    gap = max(1.0 - press.outline.reach / a, FIT.min_gap * b / a)
+    rim_distance = -press.outline.compute_excess(film.outline)
+    gap = max(rim_distance / a, FIT.min_gap * b / a)
     power = 1 if press.is_rigid else 2
     distances = []
     for electrode in scene.electrode_list:

@@ -14,7 +14,7 @@ from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.placed.electrode import Electrode, Electrodes
-from pvdf_fem.scene.placed.placed_shape import PLACEMENT_KEYS, ShapedTable
+from pvdf_fem.scene.placed.placed_shape import PLACEMENT_KEYS, SIZE_KEYS, ShapedTable
 from pvdf_fem.scene.placed.probe import ListedProbe, Probe
 from pvdf_fem.scene.scene_file import format_error, quote, suggest
 from pvdf_fem.scene.validation.placement import find_placement_errors
@@ -278,13 +278,13 @@ def _find_quoted_words(text: str) -> list[str]:
 def _find_errors_between_valid_tables(data: Mapping[str, Any]) -> Iterator[str]:
     """Yield placement errors between those tables of a scene that are valid by themselves.
 
-    The film takes part if its radius is valid, even if other keys of it are not.
+    The film takes part if its shape is valid, even if other keys of it are not.
     """
     film = data.get("film")
-    radius = {}
-    if isinstance(film, dict) and "radius_mm" in film:
-        radius = {"radius_mm": film["radius_mm"]}
-    valid_film = _validate_value(Film, radius)
+    shape_keys = {}
+    if isinstance(film, dict):
+        shape_keys = {key: film[key] for key in film if key == "shape" or key in SIZE_KEYS}
+    valid_film = _validate_value(Film, shape_keys)
     numerics = data.get("numerics")
     observable = numerics.get("observable") if isinstance(numerics, dict) else ""
     electrodes = data.get("electrodes", {})
@@ -296,7 +296,7 @@ def _find_errors_between_valid_tables(data: Mapping[str, Any]) -> Iterator[str]:
     else:
         probes = _validate_entries("probe", ListedProbe, probe)
     yield from find_placement_errors(
-        radius_mm=valid_film.radius_mm if valid_film else None,
+        film_shape=valid_film.geometry if valid_film else None,
         electrodes=valid_electrodes or _validate_value(Electrodes, electrodes) or {},
         probes=probes,
         load=_validate_value(Load, data.get("load", {})),
