@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,13 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from pvdf_fem.scene.keys import Affects, Key, NumberOrPair, Section, make_validation_error
 from pvdf_fem.scene.outlines.outline import Outline, has_overlap
-from pvdf_fem.scene.placed.patch import EXPANSION, MODULUS, Patch
+from pvdf_fem.scene.placed.patch import (
+    EXPANSION,
+    MODULUS,
+    Layer,
+    Patch,
+    compute_plane_stress_stiffness,
+)
 from pvdf_fem.scene.placed.placed_shape import ShapedTable
 from pvdf_fem.scene.registry import LAW_CLASSES
 from pvdf_fem.scene.scene_file import quote
@@ -33,20 +39,10 @@ EXAMPLE_SIZES: Mapping[str, Any] = {
 }
 
 
-class Layer(NamedTuple):
-    """The material of a patch, where values that the patch does not give are those of the film."""
-
-    patch: Patch
-    stiffness: NDArray[np.float64]  #: Plane-stress stiffness in Pa, shape (3, 3).
-    prestrain: NDArray[np.float64]  #: Elastic strain on the flat film, shape (3,).
-    expansion: float  #: Coefficient of thermal expansion in 1/K.
-    density: float  #: In kg/m³.
-
-
 class Film(ShapedTable):
     """The film, flat and clamped along its rim, whose outline may have any flat shape.
 
-    The reference point of the shape, such as the centre of a rectangle, is the film's centre (0, 0).
+    The reference point of the shape, such as the centre of a rectangle, is the film's centre.
     """
 
     default_shape: ClassVar[str] = "circle"
@@ -255,13 +251,19 @@ class Film(ShapedTable):
         """Maximum distance of the rim from the film's centre, in m: the radius of a disc."""
         return self.outline.reach
 
+    @property
+    def bounds_mm(self) -> tuple[float, float, float, float]:
+        """Minimum x, minimum y, maximum x and maximum y of the film in mm."""
+        left, low = (1e3 * self.outline.lower_left).tolist()
+        right, high = (-1e3 * self.outline.transform(-np.eye(2)).lower_left).tolist()
+        return left, low, right, high
+
     def describe_outline(self) -> str:
-        """Describe the outline in words, such as ``film of 45 mm``."""
+        """Describe shape and size of the film, such as ``disc of 45 mm radius``."""
         if self.is_disc:
-            return f"film of {self.radius_mm:g} mm"
-        low_mm, high_mm = np.reshape(self.outline.inscribed_polygon.bounds, (2, 2)) * 1e3
-        width_mm, height_mm = high_mm - low_mm
-        return f"{self.shape} film of {width_mm:.4g} × {height_mm:.4g} mm"
+            return f"disc of {1e3 * self.radius:g} mm radius"
+        left_mm, low_mm, right_mm, high_mm = self.bounds_mm
+        return f"{self.shape} of {right_mm - left_mm:.4g} × {high_mm - low_mm:.4g} mm"
 
     @property
     def is_disc(self) -> bool:
@@ -433,31 +435,3 @@ class Air(Section):
     """Density of the air."""
     baffle: Annotated[bool, Key()] = True
     """true: the rim is set in an infinite rigid wall. false: air flows around the rim."""
-
-
-def compute_plane_stress_stiffness(E1: Any, E2: Any, nu12: Any, G: Any = None) -> NDArray[Any]:
-    """Compute the stiffness of an orthotropic sheet in plane stress.
-
-    All parameters may be complex (for complex-step derivatives).
-
-    Parameters
-    ----------
-    E1, E2 : float or complex
-        Young's moduli along x and y.
-    nu12 : float or complex
-        Poisson's ratio: contraction along y under stress along x.
-    G : float or complex, optional
-        Shear modulus; by default Huber's estimate √(E1 E2)/(2(1 + √(ν12 ν21))), with
-        ν21 = ν12 E2/E1.
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        In Voigt's notation with engineering shear, in the unit of the moduli.
-    """
-    nu21 = nu12 * E2 / E1
-    if G is None:
-        # ν12 √(E2/E1) is √(ν12 ν21) with the sign of ν12
-        G = np.sqrt(E1 * E2) / (2 * (1 + nu12 * np.sqrt(E2 / E1)))
-    m = 1 - nu12 * nu21
-    return np.array([[E1 / m, nu12 * E2 / m, 0], [nu12 * E2 / m, E2 / m, 0], [0, 0, G]])
