@@ -147,9 +147,8 @@ class ModalProblem:
         scene = self.problem.scene
         tolerance = scene.numerics.tolerance
         wavelengths = (0.5 * tolerance / FLAT_ERROR) ** (1.0 / ERROR_ORDER)
-        size = scene.film.radius * min(
-            wavelengths / estimate_wavenumber(scene.film.outline, self.count), 0.3
-        )
+        wavenumber = estimate_wavenumber(scene.film.outline, self.count)
+        size = scene.film.radius * min(wavelengths / wavenumber, 0.3)
         patch_sizes = {}
         for load in scene.loaded_probes:
             width = load.outline.area / load.outline.perimeter

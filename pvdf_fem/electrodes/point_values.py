@@ -29,8 +29,8 @@ COMPONENT_NAMES = {
 
 #: Maximum number of points that are evaluated at a time, which limits the memory.
 POINTS_AT_ONCE = 20_000
-#: Distance outside the rim, as a fraction of the film's reach, at which a point counts as on the rim:
-#: round-off.
+#: Distance outside the rim, as a fraction of the film's reach, at which a point counts as on the
+#: rim: round-off.
 RIM_SLACK = 1e-9
 
 

@@ -14,7 +14,7 @@ from matplotlib.colors import to_hex
 from matplotlib.image import imsave
 from matplotlib.tri import Triangulation
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.electrodes.point_values import evaluate_in_elements
 from pvdf_fem.film.space import evaluate_shape_functions
 from pvdf_fem.mesh.points import compute_local_coordinates, locate_points
@@ -146,7 +146,7 @@ def sample_image(solution: Solution, values: Array, pixels: int = PIXELS) -> Arr
     ticks = film.reach * ((np.arange(pixels) + 0.5) / pixels * 2.0 - 1.0)
     centres = np.stack(np.meshgrid(ticks, ticks))
     distances = film.outline.compute_signed_distances(centres.reshape(2, -1).T)
-    is_near = distances.reshape(pixels, pixels) < 4.0 / pixels * film.reach
+    is_near: Mask = distances.reshape(pixels, pixels) < 4.0 / pixels * film.reach
     points = centres[:, is_near]
     find_elements = Triangulation(mesh.p[0], mesh.p[1], mesh.t.T).get_trifinder()
     elements: Any = find_elements(*points)
@@ -157,7 +157,7 @@ def sample_image(solution: Solution, values: Array, pixels: int = PIXELS) -> Arr
     values_at_dofs = values[basis.element_dofs[:, elements]]
     shape_functions = evaluate_shape_functions(basis.elem, local)
     field = np.einsum("pf,fp->p", shape_functions, values_at_dofs)
-    image = np.full(is_near.shape, np.nan, dtype=np.float32)
+    image: Any = np.full((pixels, pixels), np.nan, dtype=np.float32)
     # an extrapolated field may exceed the values of the film
     image[is_near] = field.clip(values.min(), values.max())
     return image

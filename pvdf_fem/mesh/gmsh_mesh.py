@@ -21,6 +21,7 @@ from pvdf_fem.arrays import Indices
 from pvdf_fem.mesh import six_node
 from pvdf_fem.mesh.gmsh_libraries import GmshInUseError, GmshMissingError, describe_missing_gmsh
 from pvdf_fem.mesh.gmsh_lock import GMSH_LOCK
+from pvdf_fem.mesh.gmsh_outlines import add_surface
 from pvdf_fem.mesh.size_field import (
     GMSH_SIZE_RATIO,
     GradedSizes,
@@ -36,7 +37,7 @@ from pvdf_fem.mesh.subdomains import (
     name_mesh_parts,
 )
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
-from pvdf_fem.scene.outlines.outline import EllipseCurve, Line, Outline
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 
 _LOADING_ERROR = ""
@@ -239,7 +240,7 @@ def _fragment_film(
         Tags of the surfaces of each subdomain that lies at least partly in the sector.
     """
     occ = gmsh.model.occ
-    film = [(2, _add_surface(shapes[FILM], unit))]
+    film = [(2, add_surface(occ, shapes[FILM], unit))]
     names = [name for name in shapes if name != FILM]
     if sector.mirror_axes:
         low_x = 0.0 if 0 in sector.mirror_axes else -2.0 * _GMSH_RADIUS
@@ -249,7 +250,7 @@ def _fragment_film(
         film, _ = occ.intersect(film, [(2, box)])
         reach = shapes[FILM].reach
         names = [name for name in names if sector.covers(shapes[name], reach)]
-    tools = [(2, _add_surface(shapes[name], unit)) for name in names]
+    tools = [(2, add_surface(occ, shapes[name], unit)) for name in names]
     fragments, pieces = occ.fragment(film, tools) if tools else (film, [film])
     inside = set(pieces[0])
     outside = [fragment for fragment in fragments if fragment not in inside]
@@ -259,37 +260,6 @@ def _fragment_film(
     for name, piece in zip([FILM, *names], pieces, strict=True):
         surfaces[name] = [tag for dimension, tag in piece if (dimension, tag) in inside]
     return surfaces
-
-
-def _add_surface(outline: Outline, unit: float) -> int:
-    """Add the surface inside an outline to gmsh's model, and return its tag."""
-    occ = gmsh.model.occ
-    points = [occ.addPoint(x, y, 0.0) for x, y in outline.corners / unit]
-    curves = []
-    for number, piece in enumerate(outline.boundary):
-        if isinstance(piece, Line):
-            curves.append(occ.addLine(points[number], points[(number + 1) % len(points)]))
-        else:
-            curves.append(_add_ellipse(piece, unit))
-    return int(occ.addPlaneSurface([occ.addCurveLoop(curves)]))
-
-
-def _add_ellipse(curve: EllipseCurve, unit: float) -> int:
-    """Add an elliptic curve to gmsh's model, and return its tag."""
-    x, y = curve.centre / unit
-    lengths = np.linalg.norm(curve.axes, axis=0) / unit
-    major = int(lengths.argmax())  # gmsh expects the major axis first
-    return int(
-        gmsh.model.occ.addEllipse(
-            x,
-            y,
-            0.0,
-            lengths[major],
-            lengths[1 - major],
-            zAxis=[0.0, 0.0, 1.0],
-            xAxis=[*curve.axes[:, major], 0.0],
-        )
-    )
 
 
 def _find_outer_curves(surfaces: list[int], shape: Outline, sector: SymmetrySector) -> list[int]:

@@ -49,8 +49,8 @@ class GradedSizes:
         arcs : int
             Minimum number of element sides along an outline without corners.
         per_corner : float
-            Number of elements to add for each corner of an outline. It matters for outlines with
-            many corners, whose sides are shorter than the element sizes.
+            Number of elements to add for each side of an outline. It matters for outlines with
+            many sides, which are shorter than the element sizes.
 
         Returns
         -------
@@ -65,7 +65,7 @@ class GradedSizes:
             # integral of 1 / size² on both sides of the outline, up to the maximum size
             excess = max(1.0 / size - 1.0 / self.film, 0.0)
             count += 2.0 * outline.perimeter / self.growth * excess
-            corners += len(outline.corners)
+            corners += max(len(outline.corners), len(outline.boundary) - 1)
         return float(4.0 / np.sqrt(3.0) * GMSH_SIZE_RATIO**2 * count + per_corner * corners)
 
     def scale(self, factor: float) -> GradedSizes:

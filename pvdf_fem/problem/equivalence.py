@@ -1,10 +1,10 @@
 """Equivalence of problems: problems whose films have the same deformation share a solve.
 
 - Electrodes and piezoelectric coefficients that only read the stress do not change it.
-- A disc that is isotropic in stiffness and pretension may be rotated and reflected together with its
-  probe and electrodes. An orthotropic disc, or one with different pretensions along x and y, may be
-  reflected at its axes only. Films of other shapes have those reflections and rotations by 90° that
-  map them onto themselves.
+- A disc that is isotropic in stiffness and pretension may be rotated and reflected together with
+  its probe and electrodes. An orthotropic disc, or one with different pretensions along x and y,
+  may be reflected at its axes only. Films of other shapes have those reflections and rotations by
+  90° that map them onto themselves.
 - The stress of a membrane depends on the ratio of force and thickness only: energy and tension are
   proportional to the thickness, so that a film twice as thick under twice the force has the same
   displacement.

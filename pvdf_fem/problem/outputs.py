@@ -70,7 +70,7 @@ class Output:
         """Whether the electrode is a rectangle with sides along the axes of its scene."""
         edges = self.outline.corners - np.roll(self.outline.corners, 1, axis=0)
         is_along_axis = (edges == 0.0).any(axis=1)
-        return len(edges) == 4 and bool(is_along_axis.all())
+        return len(edges) == 4 and bool(is_along_axis.all()) and not self.outline.is_curved
 
     @property
     def corners(self) -> Array:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from pvdf_fem.scene.shapes.circle import CircleShape
 from pvdf_fem.scene.shapes.ellipse import EllipseShape
 from pvdf_fem.scene.shapes.polygon import PolygonShape
+from pvdf_fem.scene.shapes.polyline import PolylineShape
 from pvdf_fem.scene.shapes.rectangle import RectangleShape
 from pvdf_fem.scene.shapes.shape import Shape
 from pvdf_fem.scene.shapes.sphere import SphereShape
@@ -25,6 +26,7 @@ FLAT_SHAPES: dict[str, type[Shape]] = {
     "square": SquareShape,
     "triangle": TriangleShape,
     "polygon": PolygonShape,
+    "polyline": PolylineShape,
 }
 #: Shapes of probes.
 PROBE_SHAPES: dict[str, type[Shape]] = {**FLAT_SHAPES, "sphere": SphereShape}

@@ -34,7 +34,7 @@ STRENGTH = 180e6
 #: a pressure along z and one normal to the film differ by 1 - cos = 11 %, and the contact area of
 #: the probe differs from its projection.
 SLOPE_LIMIT = 0.5
-#: A tip touches the clamped rim if its contact comes closer than this fraction of the film's radius.
+#: A tip touches the clamped rim if its contact is closer than this fraction of the film's radius.
 RIM_MARGIN = 0.01
 #: Maximum relative change of a charge due to wrinkles for a membrane in compression to be accepted.
 MAX_WRINKLING_CHANGE = 0.1

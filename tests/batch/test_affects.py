@@ -32,6 +32,7 @@ SIZES: dict[str, Changes] = {
     "circle": {"radius_mm": 2.5},
     "ellipse": {"semi_axes_mm": [3.0, 2.0]},
     "polygon": {"vertices_mm": [[0.0, 0.0], [3.0, 0.0], [0.0, 4.0]]},
+    "polyline": {"vertices_mm": [[0.0, 0.0], [3.0, 0.0], [0.0, 4.0]], "bulges": [0.0, 0.3, 0.0]},
     "rectangle": {"width_mm": 3.0, "height_mm": 2.0},
     "sphere": {"radius_mm": 5.0},
     "square": {"side_mm": 3.0},

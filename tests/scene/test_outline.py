@@ -6,9 +6,12 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pvdf_fem.scene.outlines.arc import Arc
+from pvdf_fem.scene.outlines.arc_polygon import ArcPolygon, find_arc_polygon_defect
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import average_over, has_overlap, rotate
@@ -37,6 +40,27 @@ OUTLINES = {
     "triangle": (Polygon(make_triangle_corners(7.0)), 49.0 * math.sqrt(3) / 4, [0.0, 0.0]),
     # two rectangles, 4 by 1 about (2, 1/2) and 1 by 3 about (1/2, 5/2)
     "clockwise": (Polygon(L_SHAPE[::-1]), 7.0, [9.5 / 7, 9.5 / 7]),
+    # a slot: a rectangle of 4 by 2 between two half discs, clockwise
+    "slot": (
+        ArcPolygon([[-2.0, -1.0], [-2.0, 1.0], [2.0, 1.0], [2.0, -1.0]], [-1.0, 0.0, -1.0, 0.0]),
+        8.0 + math.pi,
+        [0.0, 0.0],
+    ),
+    # three quarters of a disc of radius 2 about (1, 0), whose arc is longer than a half circle
+    "sector": (
+        ArcPolygon([[1.0, 0.0], [3.0, 0.0], [1.0, -2.0]], [0.0, math.tan(3 * math.pi / 8), 0.0]),
+        3.0 * math.pi,
+        [1.0 - 8.0 / (9.0 * math.pi), 8.0 / (9.0 * math.pi)],
+    ),
+    # a square of side 2 with a concave quarter of a disc of radius 1 cut from its corner (2, 2)
+    "bite": (
+        ArcPolygon(
+            [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [1.0, 2.0], [0.0, 2.0]],
+            [0.0, 0.0, -math.tan(math.pi / 8), 0.0, 0.0],
+        ),
+        4.0 - math.pi / 4,
+        2 * [(4.0 - (2.0 - 4.0 / (3.0 * math.pi)) * math.pi / 4) / (4.0 - math.pi / 4)],
+    ),
     "disc": (Circle(np.array([3.0, 4.0]), 2.0), 4.0 * math.pi, [3.0, 4.0]),
     "long": (Ellipse([3.0, -1.0], [4.0, 3.0], 2.0), 10.0 * math.pi, [3.0, -1.0]),
     "small": (Ellipse([5e-3, 2e-3], [4e-3, 3e-3], 2e-3), 1e-5 * math.pi, [5e-3, 2e-3]),
@@ -59,7 +83,7 @@ def test_area_centroid_and_reach_follow_a_motion(name, angle, shift):
     assert again.make_signature(1.0, 6) == here.make_signature(1.0, 6)
     assert not there.transform(np.eye(2), [1e-3, 0.0]).coincides(there, 0.99e-3)
     mirror = np.diag([1.0, -1.0])
-    assert here.transform(mirror).coincides(here, 1e-9) == (name in ("rectangle",))
+    assert here.transform(mirror).coincides(here, 1e-9) == (name in ("rectangle", "slot"))
     assert here.transform(mirror).transform(mirror).coincides(here, 1e-12)
 
 
@@ -73,11 +97,22 @@ def test_a_boundary_rule_integrates_area_and_perimeter_on_the_outline(name):
     for step in (1e-7, -1e-7):
         found = outline.compute_signed_distances(points + step * outwards)
         assert found == pytest.approx(step, rel=1e-2)
-    fine = Polygon(outline.compute_points(ROUND)) if isinstance(outline, Ellipse) else outline
+    fine = outline
+    if isinstance(outline, Ellipse):
+        fine = Polygon(outline.compute_points(ROUND))
+    if isinstance(outline, ArcPolygon):
+        sides = outline.boundary
+        points = [
+            s.compute_points(ROUND / ROUND[-1]) if s in outline.arcs else [s.start] for s in sides
+        ]
+        fine = Polygon(np.concatenate(points))
     assert outline.reach == pytest.approx(
         np.linalg.norm(fine.defining_points, axis=1).max(), rel=1e-7
     )
     assert outline.lower_left == pytest.approx(fine.defining_points.min(axis=0), abs=1e-6)
+    places = outline.centroid + np.random.default_rng(3).normal(size=(500, 2)) * outline.reach
+    inside = outline.compute_signed_distances(places) < 0.0
+    assert (inside == shapely.contains_xy(fine.inscribed_polygon, places)).all()
     around = np.linalg.norm(
         np.diff(fine.defining_points, axis=0, append=fine.defining_points[:1]), axis=1
     )
@@ -120,6 +155,8 @@ BEYOND = POINT + (SQUARE + np.array([0.0, 1.0])) @ OUTWARD
 SPIKE = [POINT, POINT + NORMAL + [-0.2, 0.2], POINT + NORMAL + [0.2, -0.2]]
 TWIN = TOUCHED.transform(REFLECTION, 2.0 * (POINT @ NORMAL) * NORMAL)
 DISC = Circle(np.zeros(2), 1.0)
+SLOT = OUTLINES["slot"][0]
+SIDEWAYS = OUTWARD[::-1].T @ np.diag([1.0, -1.0])
 #: Two outlines that touch, and the direction in which the second one leaves the first.
 TOUCHING = {
     "edges": (Polygon(SQUARE), Polygon(np.add(SQUARE, [2.0, 0.0])), [1.0, 0.0]),
@@ -131,6 +168,9 @@ TOUCHING = {
     "ellipse and corner": (TOUCHED, Polygon(SPIKE), NORMAL),
     "ellipse and disc": (TOUCHED, Circle(POINT + 3.0 * NORMAL, 3.0), NORMAL),
     "ellipses": (TOUCHED, TWIN, NORMAL),
+    "arc and edge": (SLOT, Polygon(np.add(SQUARE, [4.0, 0.3])), [1.0, 0.0]),
+    "arc and disc": (SLOT, Circle([3.2, 1.6], 1.0), [0.6, 0.8]),
+    "arc and ellipse": (TOUCHED, SLOT.transform(SIDEWAYS, POINT + 3.0 * NORMAL), NORMAL),
 }
 
 
@@ -190,3 +230,37 @@ def test_polygons_on_the_same_corners_are_distinguished():
 def test_defects_of_polygons_in_any_unit(vertices, is_defect):
     for unit in (1.0, 1e-3):
         assert (find_polygon_defect(unit * np.array(vertices)) is not None) is is_defect
+
+
+def test_corners_of_arcs_and_sides_are_their_kinks():
+    assert len(OUTLINES["slot"][0].corners) == 0
+    assert len(OUTLINES["sector"][0].corners) == 3
+    assert len(OUTLINES["bite"][0].corners) == 5
+
+
+@pytest.mark.parametrize(
+    ("vertices", "bulges", "is_defect"),
+    [
+        ([[0, 0], [2, 0]], [1.0, 1.0], False),  # a disc of two halves
+        ([[0, 0], [2, 0]], [0.5, -0.5], True),  # there and back
+        ([[0, 0], [2, 0], [2, 1e-7]], [0.0, 0.0, 1.0], True),
+        ([[-2, 0], [2, 0], [2, 1], [-2, 1]], [-1.0, 0.0, 0.0, 0.0], True),  # an arc over the side
+        ([[-2, 0], [2, 0], [2, 3], [-2, 3]], [-1.0, 0.0, 0.0, 0.0], False),
+    ],
+)
+def test_defects_of_sides_and_arcs_in_any_unit(vertices, bulges, is_defect):
+    for unit in (1.0, 1e-3):
+        defect = find_arc_polygon_defect(unit * np.array(vertices), bulges)
+        assert (defect is not None) is is_defect
+
+
+@given(bulge=st.floats(-3.0, 3.0).filter(lambda bulge: abs(bulge) > 1e-9), angle=angles)
+def test_an_arc_ends_where_its_bulge_says(bulge, angle):
+    start, end = rotate([[1.0, 0.5], [3.0, 1.0]], angle)
+    arc = Arc(start, end, bulge)
+    ends = arc.compute_points(np.array([0.0, 0.5, 1.0]))
+    assert ends == pytest.approx(np.array([start, arc.middle, end]), abs=1e-6 * arc.radius)
+    turned = np.angle(np.exp(1j * arc.angle))
+    first, last = arc.compute_tangents(np.array([start, end]))
+    found = np.arctan2(first[0] * last[1] - first[1] * last[0], first @ last)
+    assert np.exp(1j * found) == pytest.approx(np.exp(1j * turned), abs=1e-6)

@@ -20,7 +20,17 @@ SIZES = {
     "square": ({"side_mm": 3.0}, 9.0),
     "triangle": ({"side_mm": 4.0}, 4.0 * math.sqrt(3.0)),
     "polygon": ({"vertices_mm": [[-1.0, -1.0], [3.0, -1.0], [-1.0, 2.0]]}, 6.0),
+    # a square with a half disc on its right side
+    "polyline": (
+        {
+            "vertices_mm": [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]],
+            "bulges": [0.0, 1.0, 0.0, 0.0],
+        },
+        4.0 + math.pi / 2.0,
+    ),
 }
+#: The centroid of the square with the half disc is this far to the right of the square's, in m.
+HALF_DISC_OFFSET = 1e-3 * (math.pi / 2.0 + 2.0 / 3.0) / (4.0 + math.pi / 2.0)
 PLACE = {"x_mm": 8.0, "y_mm": 3.0, "rotation_deg": 20.0}
 each_shape = pytest.mark.parametrize("shape", FLAT_SHAPES)
 
@@ -35,7 +45,8 @@ def test_an_outline_has_the_area_and_the_centroid_of_its_shape(shape):
     placed = PlacedShape.model_validate(make_table(shape))
     assert placed.outline.area == pytest.approx(1e-6 * SIZES[shape][1], rel=1e-12)
     assert placed.geometry.outline.area == pytest.approx(placed.outline.area, rel=1e-12)
-    offset = [1e-3 / 3.0, 0.0] if shape == "polygon" else [0.0, 0.0]
+    offsets = {"polygon": [1e-3 / 3.0, 0.0], "polyline": [HALF_DISC_OFFSET, 0.0]}
+    offset = offsets.get(shape, [0.0, 0.0])
     assert placed.geometry.outline.centroid == pytest.approx(offset, abs=1e-15)
 
 

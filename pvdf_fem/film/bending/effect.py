@@ -26,8 +26,8 @@ from pvdf_fem.film.loads.contact_estimate import estimate_pressed_area
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.film.point_load import estimate_load_fraction, estimate_tension
 from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.placed.patch import Layer
 from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.placed.patch import Layer
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from shapely import affinity
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.scene.outlines.arc import Arc
 
 #: Relative tolerance of lengths: points closer than this fraction of their distance from the film's
 #: centre count as equal.
@@ -69,6 +70,14 @@ class Outline(ABC):
         return 2.0 * self.area / self.perimeter
 
     @property
+    def longest_side(self) -> float:
+        """Length in m of the longest of the parts to which the boundary's rule gives points.
+
+        A closed curve has four parts.
+        """
+        return self.perimeter / 4.0
+
+    @property
     @abstractmethod
     def centroid(self) -> Array:
         """Centroid in m, shape (2,)."""
@@ -98,7 +107,7 @@ class Outline(ABC):
 
     @property
     @abstractmethod
-    def boundary(self) -> tuple[Line | EllipseCurve, ...]:
+    def boundary(self) -> tuple[Line | Arc | EllipseCurve, ...]:
         """The pieces of the boundary, each of which begins at the end of the one before."""
 
     @property

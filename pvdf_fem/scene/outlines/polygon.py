@@ -46,6 +46,12 @@ class Polygon(Outline):
         """Area in m²."""
         return _compute_moments(self.vertices).area
 
+    @property
+    def longest_side(self) -> float:
+        """Length of the longest side in m."""
+        sides = np.roll(self.vertices, -1, axis=0) - self.vertices
+        return float(np.linalg.norm(sides, axis=1).max())
+
     @cached_property
     def centroid(self) -> Array:
         """Centroid in m, shape (2,)."""
@@ -124,7 +130,7 @@ class Polygon(Outline):
         normals : ndarray, shape (sides * count, 2)
             Outward unit normals multiplied by the quadrature weights in m.
         """
-        local, weights = _make_gauss_rule(count)
+        local, weights = make_gauss_rule(count)
         starts = self.vertices[:, None]
         sides = np.roll(self.vertices, -1, axis=0)[:, None] - starts
         normals = np.stack([sides[..., 1], -sides[..., 0]], axis=-1) * 0.5 * weights[:, None]
@@ -133,7 +139,7 @@ class Polygon(Outline):
 
 
 @cache
-def _make_gauss_rule(count: int) -> tuple[Array, Array]:
+def make_gauss_rule(count: int) -> tuple[Array, Array]:
     """Make the points and weights of the Gauss-Legendre rule on [-1, 1], as read-only arrays."""
     points, weights = np.polynomial.legendre.leggauss(count)
     points.setflags(write=False)

@@ -121,9 +121,11 @@ class ShapedTable(Section):
 
     @classmethod
     def list_required_sizes(cls, shape: str) -> list[str]:
-        """Return those size keys of a shape that have no default size in this table."""
+        """Return those size keys of a shape that have no default in the shape or in this table."""
         defaults = cls.default_sizes.get(shape, {})
-        return [name for name in cls.shapes[shape].list_sizes() if name not in defaults]
+        fields = cls.shapes[shape].model_fields
+        sizes = cls.shapes[shape].list_sizes()
+        return [name for name in sizes if fields[name].is_required() and name not in defaults]
 
     @property
     def shape(self) -> str:

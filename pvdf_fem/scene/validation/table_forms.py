@@ -62,7 +62,8 @@ class TableForm:
         """Return the `Key` of a key of the table or of its shape."""
         if name in self.table.model_fields:
             return self.table.key_of(name)
-        assert self.shape is not None and issubclass(self.table, ShapedTable)
+        assert self.shape is not None
+        assert issubclass(self.table, ShapedTable)
         if name == "shape":
             return self.table.shape_key
         return self.table.describe_size(name, self.shape.key_of(name))

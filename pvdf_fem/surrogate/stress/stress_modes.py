@@ -164,7 +164,7 @@ class StressModes:
         The integral over the electrode is the contour integral ½ ∮ M x·n dl, where the modes are
         the radial means M and x is the position relative to the probe (Gauss's theorem).
         """
-        side_mm = 1e3 * electrode.perimeter / max(4, len(electrode.boundary))
+        side_mm = 1e3 * electrode.longest_side
         count = max(min_points, int(np.ceil(side_mm / self.polar_grid.step_mm)))
         # The normals contain the quadrature weights: n dl, in m.
         points, normals = electrode.make_boundary_rule(count)
