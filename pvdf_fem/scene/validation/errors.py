@@ -138,6 +138,9 @@ def _describe_error(details: ErrorDetails, where: str, model: type[BaseModel]) -
     location = details["loc"]
     value = details["input"]
     context = details.get("ctx", {})
+    if "key" in context:  # the error of a whole table, which names one of its keys
+        location = (*location, context["key"])
+        value = context["value"]
     steps = _convert_to_file_steps(location, is_last_step_a_key=kind == "extra_forbidden")
     key = join_key(where, steps)
     reason = REASONS.get(kind, f"{details['msg'][:120]}; change it")
@@ -145,9 +148,6 @@ def _describe_error(details: ErrorDetails, where: str, model: type[BaseModel]) -
         return f"{key}: {reason}"
     if kind == "scene":
         reason = context["reason"]
-        if "key" in context:
-            key = join_key(key, [context["key"]])
-            value = context["value"]
     elif kind == "extra_forbidden":
         unsupported = UNSUPPORTED_KEYS.get(str(location[-1]))
         table = join_key(where, steps[:-1])
