@@ -42,7 +42,7 @@ EXAMPLE_SIZES: Mapping[str, Any] = {
 class Film(ShapedTable):
     """The film, flat and clamped along its rim, whose outline may have any flat shape.
 
-    The reference point of the shape, such as the centre of a rectangle, is the film's centre.
+    The point (x, y) of the shape, such as the centre of a rectangle, is the film's centre.
     """
 
     default_shape: ClassVar[str] = "circle"
