@@ -21,6 +21,8 @@ From charges to touches
     and `locate_many` find the touches that explain readings, and a `Tracker` follows touches in a
     stream of readings. `design` compares how well different sensors locate touches, and `dataset`
     draws random touches with noisy readings.
+To the workshop
+    `draw` writes rim and electrodes at scale 1:1 as DXF, SVG or PDF.
 
 ``help(pvdf_fem.solve)`` describes `solve` with its parameters, and so on. Modules log to the logger
 ``pvdf_fem``, which is silent by default.
@@ -56,6 +58,7 @@ if TYPE_CHECKING:
     from pvdf_fem.studies.touch_dataset import dataset
     from pvdf_fem.surrogate.response import Response
     from pvdf_fem.surrogate.response_builder import build_response
+    from pvdf_fem.view.drawings.draw import draw
 
 __all__ = [
     "NotConvergedError",
@@ -72,6 +75,7 @@ __all__ = [
     "calibrate",
     "dataset",
     "design",
+    "draw",
     "gradients",
     "half_sine",
     "locate",
@@ -102,6 +106,7 @@ _MODULES = {
     "calibrate": "inverse.calibration.calibrate",
     "dataset": "studies.touch_dataset",
     "design": "studies.design",
+    "draw": "view.drawings.draw",
     "gradients": "solver.sensitivity.gradients",
     "half_sine": "dynamics.force_history",
     "locate": "inverse.touch.locate",

@@ -20,7 +20,7 @@ from pvdf_fem.scene.validation.dependent_keys import ALTERNATIVE_KEYS, set_key
 Steps = tuple[Any, ...]
 
 # Keys on which the existence of other keys depends, in the order in which they must be changed.
-_DECISIVE_KEYS = ("layout", "shape", "kind", "profile")
+_DECISIVE_KEYS = ("drawing", "layout", "shape", "kind", "profile")
 # Value of a change that creates a table if there is none; the values in the table are changes of
 # their own.
 _TABLE = object()
@@ -302,6 +302,8 @@ def _apply_change(tables: dict[str, Any], steps: Steps, value: Any, alternative:
     if steps == ("electrodes", "layout") and node.get("layout") != value:
         for key in node.keys() - _KEYS_OF_EVERY_LAYOUT:
             del node[key]
+    if steps == ("electrodes", "drawing") and "drawing" not in node:
+        node.clear()
     set_key(node, last, value, alternative=alternative)
 
 

@@ -17,6 +17,7 @@ from pydantic import ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from pvdf_fem.scene.changes import Replaced, apply_changes
+from pvdf_fem.scene.drawings.expansion import expand_drawing, read_scene_tables
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.instrument.calibration import CalibratedParameters
 from pvdf_fem.scene.instrument.response_domain import ResponseDomain
@@ -36,7 +37,6 @@ from pvdf_fem.scene.scene_file import (
     parse_toml,
     quote,
     read_examples,
-    read_scene_text,
 )
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.scene.validation.errors import MAX_ERRORS, REASONS, describe_scene_errors
@@ -108,10 +108,13 @@ class Scene(Result, Section):
             """Validate the tables of a scene; the `SceneError` lists all errors."""
             if positional:
                 raise SceneError([format_error("Scene", positional[0], REASONS["nameless"])])
+            tables, problems = expand_drawing(tables)
             try:
                 super().__init__(**tables)
             except ValidationError as error:
-                raise SceneError(describe_scene_errors(error, tables, type(self))) from None
+                problems += describe_scene_errors(error, tables, type(self))
+            if problems:
+                raise SceneError(problems)
 
     @model_validator(mode="after")
     def _reject_incompatible_tables(self) -> Self:
@@ -315,7 +318,7 @@ class Scene(Result, Section):
         SceneError
             If the file cannot be read or has errors; the exception lists all of them.
         """
-        return cls.parse(read_scene_text(path), str(path))
+        return cls._from_tables(read_scene_tables(path), str(path))
 
     @classmethod
     def parse(cls, text: str, source: str = "<text>") -> Scene:

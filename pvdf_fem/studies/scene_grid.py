@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from pvdf_fem.scene.changes import find_changed_keys
+from pvdf_fem.scene.drawings.expansion import locate_drawing
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import (
     SceneError,
@@ -165,7 +166,7 @@ def _read_base_scene(source: Any, folder: Path) -> Scene:
     if isinstance(source, str):
         return Scene.from_file(folder / source)
     if isinstance(source, Mapping):
-        return Scene().with_(**source)
+        return Scene().with_(**locate_drawing(dict(source), folder))
     if source is None:
         raise SceneError(["scene: is required; give the path of a scene file or a table"])
     reason = "must be the path of a scene file or a table; give one of them"

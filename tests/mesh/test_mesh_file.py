@@ -13,11 +13,11 @@ import pytest
 from pvdf_fem import Scene, solve
 from pvdf_fem.files import FileError
 from pvdf_fem.film.space import Space
-from pvdf_fem.mesh.mesh_file import READERS, MeshFileError, read_mesh
+from pvdf_fem.mesh.mesh_file import MeshFileError, read_mesh
 from pvdf_fem.mesh.subdomains import collect_outlines, make_subdomain_name
 from pvdf_fem.solver.history import Stop
 from pvdf_fem.solver.solution import Solution
-from pvdf_fem.view.export import write_mesh
+from pvdf_fem.view.files.mesh_files import write_mesh
 from tests.helpers.discs import graded_mesh
 
 # The probe presses on a third of electrode A.
@@ -54,12 +54,10 @@ def written() -> Solution:
     return solve(SCENE, mesh=graded_mesh(SCENE, 3.0, 12.0))
 
 
-@pytest.mark.parametrize("extension", READERS)
+@pytest.mark.parametrize("extension", [".msh", ".vtu", ".vtk"])
 def test_a_mesh_written_by_the_command_is_read_unchanged(
     tmp_path: Path, extension: str, written: Solution
 ) -> None:
-    if extension == ".xdmf":
-        pytest.importorskip("h5py", reason="meshio writes this format with h5py")
     path = tmp_path / f"a{extension}"
     write_mesh(written.mesh, path)
     given = solve(SCENE, mesh=path)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.inverse.tracking.charges.charge_record import ChargeRecord
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
+from pvdf_fem.inverse.tracking.charges.touch_record import TouchRecord
 from pvdf_fem.inverse.tracking.problem.contact_problem import (
     CandidateTouches,
     ContactProblem,
@@ -60,8 +62,6 @@ class ContactLocator:
         self.coordinates = np.full(4, math.nan)
         self.chi_square = math.nan  #: Chi-square of the charges of the last sample.
         self.impulse_N_s = 0.0  #: Integral of the force over time, from the first location on.
-        #: Whether too few channels were measured at the peak; set by `relocate`.
-        self.is_peak_undetermined = False
         self._chi_square_sum = 0.0  # Of all samples since the first location.
         self._freedom_sum = 0  # Their degrees of freedom.
         self._curve: ForceCurve | None = None
@@ -117,12 +117,15 @@ class ContactLocator:
         return found.touches[0].force_N < FAR_TOO_LIGHT * self.problem.response.domain.force_N[0]
 
     def _compute_peak(self, record: ChargeRecord) -> ChargeSample:
-        """Compute the charges at the peak of a record, with the noise that its samples have.
+        """Compute the charges at the peak of a record, see `_enlarge_noise`."""
+        return self._enlarge_noise(record.compute_peak())
+
+    def _enlarge_noise(self, peak: ChargeSample) -> ChargeSample:
+        """Return a peak with the noise that the samples of the contact have.
 
         Hum that has begun, or another disturbance, shows in the chi-square of all samples. Their
         noise variance is then enlarged by the reduced chi-square.
         """
-        peak = record.compute_peak()
         if self._freedom_sum < MIN_DEGREES_OF_FREEDOM:
             return peak
         ratio = self._chi_square_sum / self._freedom_sum
@@ -135,17 +138,70 @@ class ContactLocator:
             ),
         )
 
-    def relocate(self, record: ChargeRecord) -> None:
-        """Replace the candidates by those for the peak of the record; None if there are none.
+    def relocate(self, record: TouchRecord, *, is_only_touch: bool) -> EndedTouch:
+        """Locate a touch that has ended from the peak of its charges.
 
-        If too many channels were clipped at the peak, the candidates from before it stay.
-        `coordinates`, `chi_square` and `impulse_N_s` are not changed.
+        Parameters
+        ----------
+        record : TouchRecord
+            Charges of the touch without drift.
+        is_only_touch : bool
+            Whether the contact has no other touches. If too many channels were clipped at the peak,
+            the candidates from before it are then those of this touch.
         """
-        peak = self._compute_peak(record)
-        self.is_peak_undetermined = not self.problem.is_determined_by(peak)
-        if self.is_peak_undetermined and peak.is_clipped.any():
-            return
-        self.candidates = self.problem.locate(peak)
+        peak = self._enlarge_noise(record.peak)
+        is_undetermined = not self.problem.is_determined_by(peak)
+        if not is_undetermined or not peak.is_clipped.any():
+            candidates = self.problem.locate(peak)
+        else:
+            candidates = self.candidates if is_only_touch else None
+        impulse_N_s = self.impulse_N_s
+        if not is_only_touch:
+            impulse_N_s = self._integrate_force(record, candidates)
+        return EndedTouch(
+            record.onset_s,
+            record.end_s,
+            largest=record.largest,
+            candidates=candidates,
+            impulse_N_s=impulse_N_s,
+            is_peak_undetermined=is_undetermined,
+        )
+
+    def _integrate_force(self, record: TouchRecord, candidates: CandidateTouches | None) -> float:
+        """Integrate the force of a touch over time; NaN without candidates.
+
+        Parameters
+        ----------
+        record : TouchRecord
+            Charges of the touch.
+        candidates : CandidateTouches or None
+            Its location.
+        """
+        if candidates is None:
+            return math.nan
+        curve = ForceCurve(self.problem, candidates.likeliest)
+        log_force = float(candidates.likeliest[TouchColumn.FORCE])
+        impulse_N_s = 0.0
+        steps_s = np.diff(record.rows.time_s, prepend=record.rows.time_s[0])
+        for row, step_s in enumerate(steps_s.tolist()):
+            time_s = record.rows.time_s[row]
+            if record.onset_s < time_s <= record.end_s:
+                fitted = curve.fit(record.rows.get_sample(row), log_force)
+                if not math.isnan(fitted.log_force):
+                    log_force = fitted.log_force
+                    impulse_N_s += step_s * math.exp(log_force)
+        return impulse_N_s
+
+
+class EndedTouch(NamedTuple):
+    """A touch that has ended or was cut off, with its location."""
+
+    onset_s: float
+    end_s: float
+    largest: ChargeSample | None  #: Sample with the largest charges.
+    candidates: CandidateTouches | None
+    impulse_N_s: float  #: Integral of the force over time.
+    is_peak_undetermined: bool  #: Whether too few channels were measured at the peak.
 
 
 class Contact:
@@ -315,24 +371,16 @@ class Contact:
             return True
         return self.record.remaining_fraction < self.options.max_residual_fraction
 
-    @property
-    def peak_time_s(self) -> float:
-        """Time in s of the sample with the largest charges."""
-        largest = self.record.largest
-        return largest.time_s if largest else self.record.onset_s
-
-    @property
-    def is_hidden_by_clipping(self) -> bool:
-        """Whether clipping leaves too few measured channels at the peak to locate the touch."""
+    def is_hidden_by_clipping(self, touch: EndedTouch) -> bool:
+        """Whether clipping leaves too few measured channels at the peak to locate a touch."""
         if self.is_peak_clipped:
             return True
-        return bool(self.was_clipped.any()) and self.locator.is_peak_undetermined
+        return bool(self.was_clipped.any()) and touch.is_peak_undetermined
 
-    @property
-    def is_significant(self) -> bool:
-        """Whether the contact is located, or its charges exceed their errors clearly."""
-        largest = self.record.largest
-        if self.locator.candidates is not None or self.was_clipped.any() or largest is None:
+    def is_significant(self, touch: EndedTouch) -> bool:
+        """Whether a touch is located, or its charges exceed their errors clearly."""
+        largest = touch.largest
+        if touch.candidates is not None or self.was_clipped.any() or largest is None:
             return True
         return largest.significance > self.options.min_significance
 
@@ -359,10 +407,26 @@ class Contact:
             return False
         return self.record.relative_error > self.options.max_relative_error
 
-    def close(self) -> None:
-        """Subtract the drift from the charges of a contact that has ended, and locate it again.
+    def close(self) -> list[EndedTouch]:
+        """Locate the touches of a contact that has ended again, from charges without drift.
 
-        The contact may then have no candidates.
+        Touches that follow each other fast are parts of one contact. A touch may have no
+        candidates.
         """
-        self.record.subtract_drift()
-        self.locator.relocate(self.record)
+        records = self.record.split()
+        is_only_touch = len(records) == 1
+        touches = []
+        for record in records:
+            touches.append(self.locator.relocate(record, is_only_touch=is_only_touch))
+        return touches
+
+    def cut_off(self) -> EndedTouch:
+        """Return the contact as a touch with its last location."""
+        return EndedTouch(
+            self.record.onset_s,
+            self.record.end_s,
+            largest=self.record.largest,
+            candidates=self.locator.candidates,
+            impulse_N_s=self.locator.impulse_N_s,
+            is_peak_undetermined=False,
+        )

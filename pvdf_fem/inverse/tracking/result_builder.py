@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.inverse.tracking.contact import Contact
+from pvdf_fem.inverse.tracking.contact import Contact, EndedTouch
 from pvdf_fem.inverse.tracking.problem.contact_problem import CandidateTouches, ContactProblem
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
@@ -31,28 +31,29 @@ class ResultBuilder:
         self._names = names
         self._rotation_period_deg = find_rotation_period_deg(problem.response)
 
-    def summarise_contact(
-        self, contact: Contact, number: int, status: TrackStatus | None
+    def summarise_touch(
+        self, touch: EndedTouch, contact: Contact, *, number: int, status: TrackStatus | None
     ) -> TouchSummary:
-        """Summarise a contact at the sample from which it was last located.
+        """Summarise a touch at the sample from which it was last located.
 
         If it is not located, the summary is that of the sample with the largest charges, without
         position and force.
 
         Parameters
         ----------
+        touch : EndedTouch
+            Touch that has ended or is cut off.
         contact : Contact
-            Contact that has ended or is cut off.
+            Contact that the touch belongs to.
         number : int
             Number of the touch.
         status : TrackStatus, optional
             Status of a contact that was cut off. Default: the status that follows from its touch.
         """
-        record = contact.record
-        locator = contact.locator
-        candidates = locator.candidates
+        candidates = touch.candidates
         if candidates is None:
-            row = TrackRow(contact.peak_time_s, TrackStatus.STARTING, touch=number)
+            peak_s = touch.largest.time_s if touch.largest else touch.onset_s
+            row = TrackRow(peak_s, TrackStatus.STARTING, touch=number)
         else:
             row = self._make_touch_row(
                 candidates.sample.time_s,
@@ -66,17 +67,17 @@ class ResultBuilder:
         values["clipped"] = self._join_names(contact.was_clipped.tolist())
         if status is not None:
             values["status"] = status
-        elif contact.is_hidden_by_clipping:
+        elif contact.is_hidden_by_clipping(touch):
             values["status"] = TrackStatus.CLIPPED
             values["force_N"] = math.nan
             values["force_deviation_N"] = math.nan
-        elif contact.begins_in_pause or record.is_peak_hidden:
+        elif contact.begins_in_pause or contact.record.is_peak_hidden:
             values["status"] = TrackStatus.LOST
         return TouchSummary(
             **values,
-            onset_s=record.onset_s,
-            end_s=record.end_s,
-            impulse_N_s=math.nan if math.isnan(row.force_N) else locator.impulse_N_s,
+            onset_s=touch.onset_s,
+            end_s=touch.end_s,
+            impulse_N_s=math.nan if math.isnan(row.force_N) else touch.impulse_N_s,
         )
 
     def _join_names(self, is_named: Sequence[bool]) -> str:

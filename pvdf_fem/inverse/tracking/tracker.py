@@ -15,15 +15,14 @@ from collections.abc import Mapping, Sequence
 
 from pvdf_fem.electrodes.channel import get_reading_unit, make_channels
 from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE
-from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
-from pvdf_fem.inverse.tracking.contact import Contact
+from pvdf_fem.inverse.tracking.contact import Contact, EndedTouch
 from pvdf_fem.inverse.tracking.contact_watch import ContactWatch
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
 from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
 from pvdf_fem.inverse.tracking.problem.fixed_quantities import resolve_fixed_quantities
 from pvdf_fem.inverse.tracking.reading_input import ReadingInput
 from pvdf_fem.inverse.tracking.result_builder import ResultBuilder
-from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
+from pvdf_fem.inverse.tracking.results import TrackRow, TrackStatus
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample, SettledSamples
@@ -31,8 +30,8 @@ from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
 from pvdf_fem.inverse.tracking.signal.reading_filter import Validity
 from pvdf_fem.inverse.tracking.signal.settling import Settling
 from pvdf_fem.inverse.tracking.signal.signal_chain import MIN_PAUSE_INTERVALS, SignalChain
-from pvdf_fem.inverse.tracking.stream_diagnosis import MAX_TESTED, find_misreading
 from pvdf_fem.inverse.tracking.stream_notes import StreamNotes
+from pvdf_fem.inverse.tracking.touch_log import TouchLog
 from pvdf_fem.scene.arguments import Names, as_response, coerce
 from pvdf_fem.scene.readout import Readout
 from pvdf_fem.surrogate.charge_function import ChargeFunction
@@ -98,7 +97,6 @@ class Tracker:
         unknown = coerce("unknown", unknown, Names)
         fixed = resolve_fixed_quantities(self.response, unknown, unit)
 
-        self.touches: list[TouchSummary] = []
         self._options = options
         self._names = list(self.response.names)
         self._channels = make_channels(scene)
@@ -125,7 +123,8 @@ class Tracker:
         self._waiting: deque[FilteredSample] = deque()
         self._row = TrackRow(math.nan, TrackStatus.SETTLING, settling_s=self._settling_s)
         self._notes = StreamNotes()
-        self._unexplained_peaks: list[ChargeSample] = []
+        self._log = TouchLog(self._results, self._notes)
+        self.touches = self._log.summaries
 
     def _make_settling(self, *, expects_residual: bool = False) -> Settling:
         """Make an empty collection of samples from which the baseline is learned."""
@@ -209,11 +208,11 @@ class Tracker:
             self._process(self._waiting.popleft())
         if self._contact:
             self._notes.add("a contact had not ended when the readings ended")
-            self._finish_contact(self._contact, TrackStatus.LOST)
+            self._cut_contact_off(self._contact, TrackStatus.LOST)
         if self._settling:
             self._finish_settling(self._settling)
         self._notes.add_interval(self._signal.interval_s)
-        self._note_misreading()
+        self._log.note_misreading(self._problem, self._channels, self._unit)
         return self._row
 
     def _process(self, sample: FilteredSample) -> None:
@@ -243,7 +242,9 @@ class Tracker:
         if settled:
             self._settled_at_s = sample.time_s
             self._settling = None
-            self._report_touch_while_settling(settling.touched_from_s, settling.touched_to_s)
+            self._log.add_touch_while_settling(
+                settling.touched_from_s, settling.touched_to_s, self._settling_s
+            )
             self._begin_to_watch(settled)
 
     def _begin_to_watch(self, settled: SettledSamples) -> None:
@@ -260,42 +261,10 @@ class Tracker:
         decided = self._signal.begin_to_remove_spikes(settled.pending, self._waiting)
         self._waiting = deque(decided)
 
-    def _report_touch_while_settling(self, begin_s: float, end_s: float) -> None:
-        """Append a touch that began while the baseline was learned, which has no position.
-
-        Parameters
-        ----------
-        begin_s, end_s : float
-            Times of the touch in s; NaN if there was none.
-        """
-        if math.isnan(begin_s):
-            return
-        touch = TouchSummary(
-            begin_s,
-            TrackStatus.SETTLING,
-            touch=len(self.touches) + 1,
-            onset_s=begin_s,
-            end_s=end_s,
-        )
-        self.touches.append(touch)
-        self._notes.add_touch_while_settling(begin_s, end_s, self._settling_s)
-
     def _finish_settling(self, settling: Settling) -> None:
         """Note that the baseline was not learned by the end of the stream."""
-        self._report_touch_while_settling(settling.touched_from_s, self._row.t_s)
+        self._log.add_touch_while_settling(settling.touched_from_s, self._row.t_s, self._settling_s)
         self._notes.add_unsettled(settling.touched_from_s, self._settling_s)
-
-    def _note_misreading(self) -> None:
-        """Note which mistake in the readings explains the touches that were not located."""
-        peaks = self._unexplained_peaks
-        is_any_located = any(touch.status == TrackStatus.TOUCH for touch in self.touches)
-        if not peaks or is_any_located:
-            return
-        misreading = find_misreading(self._problem, self._channels, peaks, self._unit)
-        if misreading:
-            self._notes.add(
-                f"touches could not be located, but could if {misreading.text}: {misreading.advice}"
-            )
 
     def _watch_baseline(self, sample: FilteredSample, watch: ContactWatch) -> None:
         """Process a sample outside of contacts, and begin a contact if there is one.
@@ -341,11 +310,11 @@ class Tracker:
         """
         if sample.time_s <= contact.detected_at_s:
             contact.add(sample, self._signal.interval_s)
-            self._row = self._results.make_contact_row(sample, contact, len(self.touches) + 1)
+            self._row = self._results.make_contact_row(sample, contact, self._log.next_number)
             return
         pause_s = sample.time_s - contact.record.end_s
         if contact.is_lost_by_pause(pause_s):
-            self._finish_contact(contact, TrackStatus.LOST)
+            self._cut_contact_off(contact, TrackStatus.LOST)
             self._process(sample._replace(follows_pause=True))
             return
         if pause_s > MIN_PAUSE_INTERVALS * self._signal.interval_s:
@@ -354,17 +323,16 @@ class Tracker:
         contact.add(sample, self._signal.interval_s)
         self._exclude_stepped_channel(contact)
         if contact.was_only_a_step:
-            self._finish_contact(contact)
+            self._cut_contact_off(contact)
             self._row = TrackRow(sample.time_s, TrackStatus.QUIET)
         elif contact.record.detect_end():
-            contact.close()
-            self._finish_contact(contact)
+            self._finish_contact(contact, contact.close())
             self._row = TrackRow(sample.time_s, TrackStatus.QUIET)
         elif contact.is_lost:
-            self._finish_contact(contact, TrackStatus.LOST)
+            self._cut_contact_off(contact, TrackStatus.LOST)
             self._row = TrackRow(sample.time_s, TrackStatus.LOST)
         else:
-            self._row = self._results.make_contact_row(sample, contact, len(self.touches) + 1)
+            self._row = self._results.make_contact_row(sample, contact, self._log.next_number)
             self._relearn_baseline(sample, contact)
 
     def _relearn_baseline(self, sample: FilteredSample, contact: Contact) -> None:
@@ -387,9 +355,9 @@ class Tracker:
             self._relearning = self._make_settling(expects_residual=True)
         settled = self._relearning.add(sample)
         if settled:
-            if contact.is_explained:
-                contact.close()
-            self._finish_contact(contact)
+            is_explained = contact.is_explained
+            touches = contact.close() if is_explained else [contact.cut_off()]
+            self._finish_contact(contact, touches)
             self._row = TrackRow(sample.time_s, TrackStatus.QUIET)
             self._begin_to_watch(settled)
 
@@ -422,8 +390,25 @@ class Tracker:
             if contact.is_settled[number] and (is_frozen or not channel.is_settled):
                 contact.exclude_channel(number)
 
-    def _finish_contact(self, contact: Contact, status: TrackStatus | None = None) -> None:
-        """Append the summary of a contact to `touches`, and return to watching the baseline.
+    def _cut_contact_off(self, contact: Contact, status: TrackStatus | None = None) -> None:
+        """Finish a contact that has not ended, with its last location.
+
+        Parameters
+        ----------
+        contact : Contact
+            Contact in progress.
+        status : TrackStatus, optional
+            Reason why the contact is cut off. Default: None, it was no touch.
+        """
+        self._finish_contact(contact, [contact.cut_off()], status)
+
+    def _finish_contact(
+        self,
+        contact: Contact,
+        touches: Sequence[EndedTouch],
+        status: TrackStatus | None = None,
+    ) -> None:
+        """Append the summaries of a contact to `touches`, and return to watching the baseline.
 
         The voltages after the contact become the residual of the baseline.
 
@@ -431,17 +416,12 @@ class Tracker:
         ----------
         contact : Contact
             Contact that has ended or is cut off.
+        touches : sequence of EndedTouch
+            The touches of the contact.
         status : TrackStatus, optional
             Reason why the contact was cut off. Default: None, the contact has ended.
         """
-        if contact.is_significant:
-            number = len(self.touches) + 1
-            self.touches.append(self._results.summarise_contact(contact, number, status))
-            has_space = len(self._unexplained_peaks) < MAX_TESTED
-            if has_space and not contact.is_explained and not contact.was_clipped.any():
-                self._unexplained_peaks.append(contact.record.compute_peak())
-        else:
-            self._notes.faint_count += 1
+        self._log.add_contact(contact, touches, status)
         times_s, voltages = contact.record.get_voltages_after_end()
         self._baseline.replace_residuals(times_s, voltages)
         self._contact = None

@@ -8,13 +8,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.tracking.charges.charge_integrator import ChargeIntegrator
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.charges.charge_tests import find_only_charge, is_within_noise
-from pvdf_fem.inverse.tracking.charges.drift_bridge import Bridge
-from pvdf_fem.inverse.tracking.charges.peak import compute_parabola_weights, smooth_charges
+from pvdf_fem.inverse.tracking.charges.drift_bridge import compute_accumulated_variance
+from pvdf_fem.inverse.tracking.charges.peak import choose_larger_peak, compute_peak
 from pvdf_fem.inverse.tracking.charges.sample_buffer import BufferedSamples, SampleBuffer
+from pvdf_fem.inverse.tracking.charges.touch_record import (
+    ReleasedRows,
+    TouchRecord,
+    average_charges,
+    split_at_pauses,
+)
 from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 
@@ -64,8 +70,7 @@ class ChargeRecord:
         """
         self.options = options
         self.onset_s = onset_s
-        #: Time of the last sample; after `subtract_drift` the time of the end of the contact.
-        self.end_s = onset_s
+        self.end_s = onset_s  #: Time of the last sample.
         self.largest: ChargeSample | None = None  #: Sample with the largest charges.
         self.last: ChargeSample | None = None  #: Last sample.
         self.still_count = 0  #: Number of rows after the end; set by `detect_end`.
@@ -199,9 +204,9 @@ class ChargeRecord:
     @property
     def accumulated_variance(self) -> Array:
         """Variance in pC² of the errors from the onset to the last sample, shape (electrodes,)."""
-        last = self._require(self.last)
-        along = np.square(self._require(self.largest).direction)
-        return last.walk_variance + np.square(last.drift_pC) + last.sampling_variance * along
+        return compute_accumulated_variance(
+            self._require(self.last), self._require(self.largest).direction
+        )
 
     @staticmethod
     def _require(sample: ChargeSample | None) -> ChargeSample:
@@ -220,50 +225,8 @@ class ChargeRecord:
         return float(deviation / self._largest_size) if self._largest_size else math.inf
 
     def compute_peak(self) -> ChargeSample:
-        """Compute the charges at the peak of the contact by smoothing.
-
-        Returns
-        -------
-        ChargeSample
-            Smoothed charges at the time of the window's centre, with the reduced variance of their
-            noise. Channels whose readings carry little of the weight of the window count as
-            missing, those that were clipped in any of it as clipped.
-
-        Notes
-        -----
-        The maximum of many noisy charges is biased upwards. Therefore a parabola is fitted to the
-        charges in a window and evaluated at its centre. The length of the window is the number of
-        samples whose charges are within three standard deviations of the maximum; the window is
-        placed where its mean charge is largest.
-        """
-        rows = self.rows
-        comparable = self._find_comparable_channels()
-        sizes = np.sqrt(np.square(rows.charges_pC[:, comparable]).sum(axis=1))
-        highest = int(np.argmax(sizes))
-        top = rows.get_sample(highest)
-        measured = top.is_measured & comparable
-        along = np.square(top.direction[measured])
-        deviation = math.sqrt(along @ top.noise_variance[measured])
-        half = (int((sizes >= sizes[highest] - 3.0 * deviation).sum()) - 1) // 2
-        weights = compute_parabola_weights(half)
-        sums = np.cumsum(np.concatenate([[0.0], sizes]))
-        first = int(np.argmax(sums[len(weights) :] - sums[: -len(weights)]))
-        window = rows.select(slice(first, first + len(weights)))
-        peak = smooth_charges(window, weights)
-        kept = self._kept_peak
-        if kept is None:
-            return peak
-        kept_size = np.linalg.norm(kept.charges_pC[comparable])
-        return kept if kept_size > np.linalg.norm(peak.charges_pC[comparable]) else peak
-
-    def _find_comparable_channels(self) -> Mask:
-        """Return the channels whose charges may be compared at different times.
-
-        These are the channels that were never clipped: the charge of a clipped channel is a limit
-        that jumps when its voltage is known again. If all were clipped, all are compared.
-        """
-        was_clipped: Mask = np.asarray(self.rows.is_clipped.any(axis=0))
-        return np.ones_like(was_clipped) if was_clipped.all() else ~was_clipped
+        """Compute the charges at the peak of the contact; see `peak.compute_peak`."""
+        return choose_larger_peak(compute_peak(self.rows), self._kept_peak, self.rows)
 
     def detect_end(self) -> bool:
         """Decide whether the contact has ended, and set `still_count` in either case.
@@ -353,10 +316,7 @@ class ChargeRecord:
             Variance of the mean in pC² due to the noise of the samples.
         """
         start = first % len(self._buffer)
-        rows = self.rows.select(slice(start, start + count))
-        weights = 1.0 / rows.noise_variance
-        variance = 1.0 / weights.sum(axis=0)
-        return variance * (weights * rows.charges_pC).sum(axis=0), variance
+        return average_charges(self.rows.select(slice(start, start + count)))
 
     def _compute_error_variance_since(self, row: int) -> Array:
         """Compute the variance in pC² of the errors accumulated since a row, per electrode."""
@@ -379,66 +339,21 @@ class ChargeRecord:
         rows = self.rows.select(slice(-count, None))
         return rows.time_s, rows.voltages
 
-    def subtract_drift(self) -> None:
-        """Subtract the drift from the charges of a contact that has ended.
-
-        After the contact the charge must be zero, so that the measured residual is a drift. The
-        errors of all samples are conditioned on this residual (Brownian bridge), and their
-        conditional mean is subtracted. The corrected samples replace those of the record. `end_s`
-        becomes the last time at which the charges differed significantly from the residual, or the
-        time of the first sample if they never did.
-        """
-        # The baseline may have been learned again before the end was detected.
-        self.still_count = max(self.still_count, self.options.min_still_samples)
-        residual, noise_variance = self._average_charges(-self.still_count, self.still_count)
-        total = self.accumulated_variance + noise_variance
-        self.end_s = self._find_end(residual, noise_variance)
-        bridge = self._make_bridge(residual, total)
-        rows = self.rows
-        corrected = bridge.condition(rows)
-        rows.charges_pC[:] = corrected.charges_pC
-        rows.walk_variance[:] = corrected.walk_variance
-        rows.drift_pC[:] = 0.0
-        rows.sampling_variance[:] = corrected.sampling_variance
-        if self._kept_peak is not None:
-            self._kept_peak = bridge.correct_sample(self._kept_peak)
-        sizes = np.linalg.norm(rows.charges_pC, axis=1)
-        self.largest = rows.get_sample(int(np.argmax(sizes)))
-
-    def _find_end(self, residual: Array, noise_variance: Array) -> float:
-        """Find the last time at which the charges differed significantly from their residual.
-
-        Parameters
-        ----------
-        residual : ndarray, shape (electrodes,)
-            Mean charges in pC after the end.
-        noise_variance : ndarray, shape (electrodes,)
-            Variance of the residual in pC² due to the noise.
+    def split(self) -> list[TouchRecord]:
+        """Split the record of a contact that has ended at the pauses between its touches.
 
         Returns
         -------
-        float
-            Time in s; that of the first sample if the charges never differed.
+        list of TouchRecord
+            A record of each touch, without drift.
         """
-        direction = self._require(self.largest).direction
-        pressed = self.rows.select(slice(len(self._buffer) - self.still_count))
-        last = self._require(self.last)
-        walk = last.walk_variance - pressed.walk_variance
-        since = walk + np.square(last.drift_pC - pressed.drift_pC)
-        variance = since + pressed.noise_variance + noise_variance
-        sizes = (pressed.charges_pC - residual) @ direction
-        is_changed = np.flatnonzero(sizes > 4.0 * np.sqrt(variance @ np.square(direction)))
-        return float(pressed.time_s[max(is_changed, default=0)])
-
-    def _make_bridge(self, residual: Array, total: Array) -> Bridge:
-        """Make the correction of charges by their residual at the end; see `Bridge`."""
-        last = self._require(self.last)
-        along = np.square(self._require(self.largest).direction)
-        others = float(along @ (total - last.sampling_variance * along))
-        return Bridge(
-            residual,
-            total,
-            along=along,
-            drift_pC=last.drift_pC,
-            sampling_total=last.sampling_variance + others,
+        # The baseline may have been learned again before the end was detected.
+        still_count = max(self.still_count, self.options.min_still_samples)
+        whole = ReleasedRows(
+            self.rows,
+            last=self._require(self.last),
+            onset_s=self.onset_s,
+            still_count=still_count,
+            kept_peak=self._kept_peak,
         )
+        return split_at_pauses(whole)

@@ -81,3 +81,50 @@ class Bridge:
             drift_pC=np.zeros_like(sample.drift_pC),
             sampling_variance=float(corrected.sampling_variance),
         )
+
+
+def compute_accumulated_variance(last: ChargeSample, direction: Array) -> Array:
+    """Compute the variance of the errors that have accumulated until the last sample.
+
+    Parameters
+    ----------
+    last : ChargeSample
+        Last sample of a contact.
+    direction : ndarray, shape (electrodes,)
+        Unit vector along the charges, which is the direction of the sampling error.
+
+    Returns
+    -------
+    ndarray, shape (electrodes,)
+        Variances in pC².
+    """
+    sampling_variance = last.sampling_variance * np.square(direction)
+    return last.walk_variance + np.square(last.drift_pC) + sampling_variance
+
+
+def make_bridge(
+    residual: Array, noise_variance: Array, *, last: ChargeSample, direction: Array
+) -> Bridge:
+    """Make the correction of charges by their residual at the end.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (electrodes,)
+        Mean charges in pC after the end.
+    noise_variance : ndarray, shape (electrodes,)
+        Variance of the residual in pC² due to the noise of the samples.
+    last : ChargeSample
+        Last sample.
+    direction : ndarray, shape (electrodes,)
+        Unit vector along the largest charges.
+    """
+    total = compute_accumulated_variance(last, direction) + noise_variance
+    along = np.square(direction)
+    others = float(along @ (total - last.sampling_variance * along))
+    return Bridge(
+        residual,
+        total,
+        along=along,
+        drift_pC=last.drift_pC,
+        sampling_total=last.sampling_variance + others,
+    )

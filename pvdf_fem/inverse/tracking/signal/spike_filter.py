@@ -17,6 +17,8 @@ SPIKE_MULTIPLE = 6.0
 FLANK_MULTIPLE = 3.0
 #: Smallest number of samples of a short touch, in which all channels deviate to one side.
 MIN_TOUCH_SAMPLES = 2
+#: Overlapping spikes of several channels last at most this number of times as long as one.
+MAX_HELD_SPIKES = 3
 RECENT_DECAY = 0.8  #: Factor per sample by which recent differences are forgotten.
 #: Longest spike: this time in s, but at least `MIN_SPIKE_SAMPLES`.
 MAX_SPIKE_S = 5e-3
@@ -86,10 +88,28 @@ class SpikeFilter:
                 self._remove_spikes()
             return self.flush()
         longest = max(MIN_SPIKE_SAMPLES, round(MAX_SPIKE_S / interval_s))
-        if len(self._held) <= longest:
+        is_overlong = len(self._held) > MAX_HELD_SPIKES * longest
+        if len(self._held) <= longest or not (is_overlong or self._is_away_for(longest)):
             return []
         self._remove_spikes_in_flank()
         return self.flush()
+
+    def _is_away_for(self, count: int) -> bool:
+        """Whether a channel has left the signal for more than a number of samples.
+
+        Spikes of several channels may overlap, so that more samples are held than any of them has.
+        """
+        recent = self._held[-count - 1 :]
+        for number in range(len(self._channels)):
+            if all(self._deviates(sample.voltages[number], number) for sample in recent):
+                return True
+        return False
+
+    def _deviates(self, voltage: float, number: int) -> bool:
+        """Whether a voltage of a channel is further from the last accepted one than is usual."""
+        noise_V = self._channels[number].noise_V
+        limit = SPIKE_DEVIATIONS * noise_V + SPIKE_MULTIPLE * self._recent[number]
+        return abs(voltage - self._last[number]) > limit
 
     def add_counts(self, counts: Sequence[int]) -> None:
         """Add numbers of spikes, by channel, that were found while the baseline was learned."""
@@ -136,10 +156,9 @@ class SpikeFilter:
 
     def _remove_spikes(self) -> None:
         """Make the voltages of held samples missing that have left the signal and come back."""
-        for number, channel in enumerate(self._channels):
-            limit = SPIKE_DEVIATIONS * channel.noise_V + SPIKE_MULTIPLE * self._recent[number]
+        for number in range(len(self._channels)):
             for sample in self._held:
-                if abs(sample.voltages[number] - self._last[number]) > limit:
+                if self._deviates(sample.voltages[number], number):
                     sample.remove_voltage(number)
                     self.spike_counts[number] += 1
 

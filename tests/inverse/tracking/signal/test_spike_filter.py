@@ -144,3 +144,22 @@ def test_a_missing_voltage_is_not_suspicious():
     expected = voltages.copy()
     expected[15, 1] = math.nan
     np.testing.assert_array_equal(filtered, expected)
+
+
+def test_overlapping_spikes_of_two_channels_are_removed():
+    """Together they last longer than the longest spike."""
+    voltages = make_noise(60)
+    voltages[30:33, 0] = -5.0
+    voltages[32:35, 1] = -5.0
+    interval_s = 1e-2  # the longest spike has four samples
+    passed = run_filter(make_filter(), voltages, interval_s)
+    expected = np.where(voltages < -1.0, np.nan, voltages)
+    np.testing.assert_array_equal(passed, expected)
+
+
+def test_an_offset_that_steps_beside_a_spike_is_kept():
+    voltages = make_noise(60)
+    voltages[30:33, 0] = -5.0
+    voltages[31:, 1] += 0.5
+    passed = run_filter(make_filter(), voltages, 1e-2)
+    assert np.isfinite(passed[:, 1]).all()

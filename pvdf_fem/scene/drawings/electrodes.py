@@ -1,0 +1,236 @@
+"""Read the electrodes of a drawing as tables of a scene."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.files import FileError
+from pvdf_fem.scene.drawings.content import (
+    DrawingContent,
+    DrawingError,
+    DrawnPath,
+    DrawnText,
+)
+from pvdf_fem.scene.drawings.contours import Contour, join_paths
+from pvdf_fem.scene.drawings.drawing import Drawing
+from pvdf_fem.scene.drawings.names import name_contours
+from pvdf_fem.scene.drawings.recognition import recognize_shape
+from pvdf_fem.scene.drawings.units import UNITS_MM
+from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.outlines.outline import LENGTH_TOLERANCE, Outline, has_overlap, rotate
+from pvdf_fem.scene.placed.placed_shape import PlacedShape
+from pvdf_fem.scene.validation.errors import describe_errors
+
+#: Maximum number of electrodes of a scene.
+MAX_ELECTRODES = 100
+#: A stated unit and the key ``unit`` agree up to this relative difference.
+UNIT_TOLERANCE = 1e-3
+
+
+def read_electrodes(drawing: Drawing, radius_mm: object) -> list[dict[str, Any]]:
+    """Read the electrodes of a drawing.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        Path and keys of the drawing.
+    radius_mm : object
+        Radius of the film, which no outline must exceed; anything else than a number is ignored.
+
+    Returns
+    -------
+    list of dict
+        A table with the keys of an electrode for each closed outline, counter-clockwise from +x.
+
+    Raises
+    ------
+    DrawingError
+        If the drawing cannot be read, has no outlines, or outlines overlap or exceed the rim.
+    """
+    path = Path(drawing.drawing)
+    try:
+        content = _read_content(path, drawing.layer)
+    except FileError as error:
+        raise DrawingError(str(error)) from None
+    except ModuleNotFoundError as error:
+        reason = f"requires {error.name}, which is not installed"
+        raise DrawingError(f'{reason}; run: pip install "pvdf_fem[drawings]"') from None
+    _require_paths(content, drawing.layer)
+    scale_mm = _choose_unit(content, drawing.unit)
+    frame, shift = _make_motion(drawing, scale_mm, is_downwards=path.suffix.lower() == ".svg")
+    paths = [_transform_path(one, frame, shift) for one in content.paths]
+    texts = [DrawnText(text.text, text.points @ frame.T + shift) for text in content.texts]
+    tolerance = 1e-3 * drawing.tolerance_um
+    contours = join_paths(paths, tolerance)
+    if not contours:
+        raise DrawingError(f"has no closed outline{_describe_content(content)}")
+    if len(contours) > MAX_ELECTRODES:
+        reason = f"has {len(contours)} closed outlines, more than {MAX_ELECTRODES}"
+        raise DrawingError(f"{reason}{_describe_content(content)}")
+    tables = [recognize_shape(contour, tolerance) for contour in contours]
+    outlines = [_make_outline(row, one) for row, one in zip(tables, contours, strict=True)]
+    order = _sort_counter_clockwise(outlines)
+    contours = [contours[number] for number in order]
+    outlines = [outlines[number] for number in order]
+    _require_separate(contours, outlines, content)
+    _require_inside_rim(contours, outlines, radius_mm, scale_mm)
+    names = name_contours(contours, outlines, texts, drawing.names)
+    return [{"name": names[row], **tables[number]} for row, number in enumerate(order)]
+
+
+def _make_outline(table: dict[str, Any], contour: Contour) -> Outline:
+    """Make the outline of a shape in m; refuse one whose place or size is out of all limits."""
+    try:
+        return PlacedShape.model_validate(table).outline
+    except ValidationError as error:
+        first = next(describe_errors(error, "", PlacedShape))
+        raise DrawingError(f"{contour.place}: {first}; check the unit") from None
+
+
+def _read_content(path: Path, layer: str | None) -> DrawingContent:
+    """Read a drawing by the reader of its extension."""
+    extension = path.suffix.lower()
+    if extension == ".dxf":
+        from pvdf_fem.scene.drawings.files.dxf import read_dxf
+
+        return read_dxf(path, layer)
+    if extension == ".svg":
+        from pvdf_fem.scene.drawings.files.svg import read_svg
+
+        return read_svg(path, layer)
+    reason = f'has the extension "{extension}", which is not read; give a .dxf or .svg file'
+    raise DrawingError(reason)
+
+
+def _require_paths(content: DrawingContent, layer: str | None) -> None:
+    """Refuse a drawing without curves on the layer; the message lists the layers that have any."""
+    if content.paths:
+        return
+    if layer is not None:
+        reason = "has no visible curve"
+        hidden = {name.casefold() for name in content.hidden_layers}
+        if layer.casefold() in hidden:
+            reason = "is off or frozen in the drawing, which counts as not there"
+        raise DrawingError(f"{reason}{_describe_content(content)}", key="layer", value=layer)
+    raise DrawingError(f"has no visible curve{_describe_content(content)}")
+
+
+def _describe_content(content: DrawingContent) -> str:
+    """List the layers of a drawing with their numbers of curves, as the end of a message."""
+    parts = []
+    if content.ignored:
+        listed = _list_counts(content.ignored)
+        parts.append(f"; it has {listed}, which are left out: explode them or draw their outlines")
+    if content.layers:
+        parts.append(f"; layers with curves: {_list_counts(content.layers)}")
+    if content.hidden_layers:
+        parts.append(f"; off or frozen: {_list_counts(content.hidden_layers)}")
+    if not parts:
+        parts.append("; draw a closed outline for each electrode")
+    elif not content.ignored:
+        parts.append("; choose one by electrodes.layer")
+    return "".join(parts)
+
+
+def _list_counts(counts: Counter[str]) -> str:
+    """List names with their counts, at most twenty."""
+    items = [f"{name} ({count})" for name, count in counts.most_common(20) if count]
+    return ", ".join(items) + (", ..." if len(counts) > 20 else "")
+
+
+def _choose_unit(content: DrawingContent, unit: str | None) -> float:
+    """Return the size in mm of the drawing's unit; refuse an unknown or contradictory one."""
+    stated = content.unit
+    allowed = ", ".join(UNITS_MM)
+    if unit is None:
+        if stated is None:
+            reason = f"is required for {content.path.name}, since {content.unit_advice}"
+            raise DrawingError(f"{reason}; give one of {allowed}", key="unit")
+        return stated.size_mm
+    size_mm = UNITS_MM[unit]
+    if stated is not None and abs(stated.size_mm / size_mm - 1.0) > UNIT_TOLERANCE:
+        reason = f"contradicts {content.path.name}, in which {stated.statement} makes its unit"
+        reason += f" {stated.size_mm:.6g} mm"
+        advice = "remove the key, or correct the drawing"
+        raise DrawingError(f"{reason}; {advice}", key="unit", value=unit)
+    return size_mm if stated is None else stated.size_mm
+
+
+def _make_motion(drawing: Drawing, scale_mm: float, is_downwards: bool) -> tuple[Array, Array]:
+    """Return frame and shift of the map from the drawing, with y upwards, to the film in mm."""
+    x, y = drawing.origin_mm
+    origin = np.array([x, -y if is_downwards else y])
+    frame = rotate(np.eye(2), drawing.rotation_deg).T
+    return scale_mm * frame, -frame @ origin
+
+
+def _transform_path(path: DrawnPath, frame: Array, shift: Array) -> DrawnPath:
+    """Return a path on the film."""
+    curves = []
+    for curve in path.curves:
+        curves += curve.transform(frame, shift)
+    return path._replace(curves=curves)
+
+
+def _sort_counter_clockwise(outlines: list[Outline]) -> list[int]:
+    """Return the order of outlines counter-clockwise from +x, one at the centre last.
+
+    Outlines in the same direction follow from the centre outwards.
+    """
+    keys = []
+    for outline in outlines:
+        x, y = outline.centroid
+        distance = float(np.hypot(x, y))
+        is_central = distance < 1e-6 * np.sqrt(outline.area)
+        # directions a little below +x by rounding count as +x
+        direction = round(float(np.arctan2(y, x)) / (2.0 * np.pi), 6) % 1.0
+        keys.append((is_central, 0.0 if is_central else direction, distance))
+    return sorted(range(len(keys)), key=keys.__getitem__)
+
+
+def _require_separate(
+    contours: list[Contour], outlines: list[Outline], content: DrawingContent
+) -> None:
+    """Refuse outlines that overlap, or lie within each other."""
+    for first, second in combinations(range(len(contours)), 2):
+        if has_overlap(outlines[first], outlines[second]):
+            larger, smaller = first, second
+            if outlines[first].area < outlines[second].area:
+                larger, smaller = second, first
+            polygons = [outlines[number].inscribed_polygon for number in (larger, smaller)]
+            is_within = polygons[0].contains(polygons[1])
+            relation = "lies within" if is_within else "overlaps"
+            reason = f"{contours[smaller].place} {relation} {contours[larger].place}"
+            advice = "remove one of them; an electrode has no holes"
+            if len(content.layers) > 1:
+                listed = _list_counts(content.layers)
+                advice = f"choose the electrodes' layer by electrodes.layer: {listed}"
+            raise DrawingError(f"{reason}; {advice}")
+
+
+def _require_inside_rim(
+    contours: list[Contour], outlines: list[Outline], radius_mm: object, scale_mm: float
+) -> None:
+    """Refuse outlines beyond the rim; several of them may come from a wrong unit or origin."""
+    default_mm: float = Film.model_fields["radius_mm"].default
+    given = default_mm if radius_mm is None else radius_mm
+    if isinstance(given, bool) or not isinstance(given, int | float) or not given > 0.0:
+        return
+    limit = 1e-3 * given * (1.0 + LENGTH_TOLERANCE)
+    beyond = [number for number, outline in enumerate(outlines) if outline.reach > limit]
+    if not beyond:
+        return
+    worst = max(beyond, key=lambda number: outlines[number].reach)
+    excess_mm = 1e3 * outlines[worst].reach - given
+    reason = f"{contours[worst].place} extends {excess_mm:.3g} mm beyond the rim at"
+    reason += f" film.radius_mm = {given:g}"
+    if len(beyond) > 1:
+        reason += f", as {len(beyond)} of {len(outlines)} outlines do (1 unit = {scale_mm:g} mm)"
+    raise DrawingError(f"{reason}; correct the drawing, origin_mm, unit or the film's radius")
