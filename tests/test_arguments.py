@@ -69,6 +69,7 @@ CALLS = {
     "locate_many": "m, [[9.0, 7.0, 6.0, 6.0]]",
     "design": "S, {'load.force_N': [1.0]}",
     "dataset": "S",
+    "draw": "S, 'none.svg'",
     "Tracker": "m",
     "Solution.at": "s, 0.0, 0.0",
     "Solution.along": "s, [(0.0, 0.0), (1.0, 1.0)]",
@@ -159,6 +160,8 @@ MISTAKES = {
     "pf.Tracker(m).update(0, ['a', 2, 3, 4])": "readings",
     "pf.design(s, ['electrodes.count'])": "vary",
     "pf.Tracker()": "Tracker",
+    "pf.draw(S, 'a.png')": "path",
+    "pf.draw(S, 'a.dxf', dxf_version='R13')": "dxf_version",
     "pf.design(s, {'load.force_N': [1]}, response=3)": "response",
 }
 

@@ -143,6 +143,17 @@ def _solve_blocks(
     """Solve the blocks of a plan; yield each block's index and records after they are stored.
 
     Blocks that another program has solved since the plan was made are not solved, and come last.
+
+    Parameters
+    ----------
+    plan : SweepPlan
+        The plan of the solves.
+    store : Store or None
+        Store of records.
+    run : Runner
+        Runs the tasks, in this process or in others.
+    unloaded : UnloadedRecords
+        Records of the unloaded films.
     """
     if store is not None and plan.blocks:
         store.require_writable()
@@ -163,6 +174,15 @@ def _list_tasks(
 
     If the store already has all records of a block, they are added to `solved_elsewhere` under the
     block's number instead.
+
+    Parameters
+    ----------
+    plan : SweepPlan
+        The plan of the solves.
+    store : Store or None
+        Store of records.
+    solved_elsewhere : dict of int to list of Record
+        Receives the records of blocks that are already stored.
     """
     for number, block in enumerate(plan.blocks):
         scenes = plan.scenes_of(number)
@@ -182,6 +202,15 @@ def _complete_records(
     """Add the stress integrals of the unloaded films to the records of a task.
 
     If the worker died, the records of its scenes have the status `CRASHED`.
+
+    Parameters
+    ----------
+    scenes : list of Scene
+        Scenes of the task.
+    result : list of Record or WorkerDied
+        Result of the task.
+    unloaded : UnloadedRecords
+        Records of the unloaded films.
     """
     records = result
     if isinstance(records, WorkerDied):
@@ -195,7 +224,17 @@ def _complete_records(
 
 
 def _store_records(scenes: list[Scene], records: list[Record], store: Store | None) -> None:
-    """Store the records of scenes that have not crashed; do nothing without a store."""
+    """Store the records of scenes that have not crashed; do nothing without a store.
+
+    Parameters
+    ----------
+    scenes : list of Scene
+        The scenes.
+    records : list of Record
+        Their records.
+    store : Store or None
+        Store of records.
+    """
     if store is None:
         return
     pairs = zip(scenes, records, strict=True)

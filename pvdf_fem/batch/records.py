@@ -126,6 +126,17 @@ def _split_solution(
 
     `indices` has a list for each scene: the indices of its electrodes in `outputs`. Without a
     converged solution the records have no stress integrals.
+
+    Parameters
+    ----------
+    solution : Solution
+        The common solution.
+    outputs : sequence of Output
+        Outputs of the common solution.
+    problems : sequence of Problem
+        Problems of the scenes.
+    indices : sequence of sequence of int
+        For each scene, the indices of its electrodes in `outputs`.
     """
     names = []
     for problem in problems:
@@ -173,13 +184,25 @@ def _collect_outputs(
 ) -> tuple[list[Output], list[list[int]]]:
     """Collect the distinct outputs of problems.
 
-    The second result has a list for each problem: the indices of its electrodes in the outputs.
+    Parameters
+    ----------
+    problems : sequence of Problem
+        The problems.
+    frames : ndarray, shape (problems, 2, 2)
+        Matrices from the axes of the problems to those of the mesh.
+
+    Returns
+    -------
+    outputs : list of Output
+        The outputs, without repetitions.
+    indices : list of list of int
+        For each problem, the indices of its electrodes in `outputs`.
     """
     outputs: list[Output] = []
     index_of: dict[tuple[object, ...], int] = {}
     indices: list[list[int]] = []
     for problem, frame in zip(problems, frames, strict=True):
-        own = []
+        own_indices = []
         for electrode in problem.outputs:
             output = replace(electrode, patch=None, frame=frame)
             outline = output.placed.make_signature(problem.scene.film.reach, DIGITS)
@@ -188,8 +211,8 @@ def _collect_outputs(
             if key not in index_of:
                 index_of[key] = len(outputs)
                 outputs.append(output)
-            own.append(index_of[key])
-        indices.append(own)
+            own_indices.append(index_of[key])
+        indices.append(own_indices)
     return outputs, indices
 
 
@@ -218,6 +241,15 @@ def _evaluate_observable(
     solution: Solution, outputs: Sequence[Output], observable: Observable
 ) -> Array:
     """Evaluate the stress integrals X and Y of all outputs for an observable.
+
+    Parameters
+    ----------
+    solution : Solution
+        The solution.
+    outputs : sequence of Output
+        Outputs of the solution.
+    observable : Observable
+        The observable.
 
     Returns
     -------

@@ -196,6 +196,17 @@ def _run_tasks(
     Up to twice as many tasks as workers are submitted at a time. If a process dies, its executor
     loses all its tasks; `get_executor` then returns a new one, and the lost tasks are submitted one
     by one.
+
+    Parameters
+    ----------
+    function : callable
+        Computes the result of a task.
+    tasks : iterable of tuple of int and task
+        Numbered tasks.
+    get_executor : callable
+        Returns the executor that is in use.
+    count_workers : callable
+        Returns the number of its workers.
     """
     remaining = iter(tasks)
     running: dict[Future[Result], tuple[int, Task]] = {}

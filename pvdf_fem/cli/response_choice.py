@@ -203,6 +203,15 @@ class ResponseChoice:
         """Return the reason why a response file cannot be used for a scene, or an empty text.
 
         The reason continues a sentence that begins with the file, such as "is of another film".
+
+        Parameters
+        ----------
+        path : Path
+            The response file.
+        scene : Scene
+            The sensor of which the response is needed.
+        scene_file : str
+            Path of its scene file.
         """
         from pvdf_fem.surrogate.response import Response
         from pvdf_fem.surrogate.response_key import make_mechanical_key, make_response_key

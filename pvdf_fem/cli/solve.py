@@ -53,7 +53,9 @@ def add_parser(commands: Any) -> None:
         "--mesh",
         metavar="FILE",
         type=Path,
-        help="solve only on this mesh, from `pvdf-fem mesh` or your own in mm or m (.msh ...)",
+        help="solve only on this mesh, from `pvdf-fem mesh` or your own: triangles of three or six "
+        "nodes that follow the outlines (.msh .inp .unv .bdf .med .mesh .stl .vtk .vtu .vtp "
+        ".xdmf ...)",
     )
     parser.add_argument(
         "--vtu",

@@ -104,7 +104,7 @@ def transient(
     highest_Hz = coerce("highest_Hz", highest_Hz, float, (1e-3, MAX_FREQUENCY_HZ), "Hz")
     solution, channels = resolve_loaded_solution(solution)
     if not solution.discrete.equilibrium.conservative:
-        reason = 'incompatible with a transient, which needs real modes; give "dead"'
+        reason = 'is incompatible with a transient, which needs real modes; give "dead"'
         raise SceneError([format_error("load.kind", "follower", reason)])
     tested_Hz = np.linspace(0.0, highest_Hz, 24)
     motion = linearise_about(solution)

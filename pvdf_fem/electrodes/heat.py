@@ -6,7 +6,7 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.stress_integrals import integrate_over_outputs
 from pvdf_fem.film.loads.uneven_strain import UnevenStrain
 from pvdf_fem.problem.equilibrium import Equilibrium
-from pvdf_fem.problem.outputs import output_areas
+from pvdf_fem.problem.outputs import compute_output_areas
 from pvdf_fem.problem.problem import Problem
 
 
@@ -28,7 +28,7 @@ def compute_heat_charges(problem: Problem, equilibrium: Equilibrium) -> Array:
         each output. Zero for a film without such a coefficient.
     """
     film = problem.scene.film
-    warming = (film.warming_K or 0.0) * output_areas(problem.outputs)
+    warming = (film.warming_K or 0.0) * compute_output_areas(problem.outputs)
     uneven = UnevenStrain.from_scene(problem.scene)
     if uneven is not None:
         by_probes = integrate_over_outputs(

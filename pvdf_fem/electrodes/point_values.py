@@ -215,7 +215,17 @@ def evaluate_in_elements(equilibrium: Equilibrium, state: State, local: Array) -
 def _make_point_values(
     equilibrium: Equilibrium, values: ElementValues, *, x: Array, y: Array
 ) -> PointValues:
-    """Make `PointValues` from values at coordinates x and y in mm; add the charge density."""
+    """Make `PointValues` from values at coordinates x and y in mm; add the charge density.
+
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+        Equations of the film, for its d31 and d32.
+    values : ElementValues
+        Values at the points.
+    x, y : ndarray
+        Coordinates of the points in mm.
+    """
     film = equilibrium.film
     stress = values.stress_MPa
     density = film.d31_pC_N * stress[..., 0] + film.d32_pC_N * stress[..., 1]

@@ -25,7 +25,7 @@ from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.film.space import Space
 from pvdf_fem.mesh.points import PlacedQuadrature, compute_local_coordinates
 from pvdf_fem.mesh.six_node import find_curved_elements
-from pvdf_fem.problem.outputs import Output, output_areas
+from pvdf_fem.problem.outputs import Output, compute_output_areas
 from pvdf_fem.scene.outlines.outline import Outline
 
 Geometries = NDArray[np.object_]
@@ -170,7 +170,7 @@ def sample_edges(outputs: Sequence[Output], space: Space) -> Iterator[Sampling]:
     cut = make_line_quadrature(space.mesh, np.concatenate(lines))
     # each output has two lines for X and two for Y
     owners, axes = np.divmod(cut.owners // 2, 2)
-    per_length = output_areas(outputs)[owners] / np.array(lengths)[owners, axes]
+    per_length = compute_output_areas(outputs)[owners] / np.array(lengths)[owners, axes]
     weights = per_length[:, None] * cut.weights
     gradients = space.evaluate_gradients(cut.elements, cut.points)
     for axis in (0, 1):

@@ -22,7 +22,12 @@ from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
-from pvdf_fem.problem.outputs import Output, output_areas, piezo_coefficients, reflect_outputs
+from pvdf_fem.problem.outputs import (
+    Output,
+    compute_output_areas,
+    get_piezo_coefficients,
+    reflect_outputs,
+)
 
 #: The tolerance of a charge is relative to the charge, or to this fraction of |d31 X| + |d32 Y|
 #: if d31 X and d32 Y nearly cancel.
@@ -231,7 +236,7 @@ def combine_charges(outputs: Sequence[Output], integrals: Array) -> Array:
     -------
     ndarray, shape (outputs,)
     """
-    return _combine_stress_integrals(integrals, piezo_coefficients(outputs))
+    return _combine_stress_integrals(integrals, get_piezo_coefficients(outputs))
 
 
 def select_larger_errors(errors: Array, others: Array, outputs: Sequence[Output]) -> Array:
@@ -273,7 +278,7 @@ def distribute_charge_errors(errors: Array, integrals: Array, outputs: Sequence[
         Errors of X and Y in N, with the signs of d31 and d32, so that `combine_charges` gives the
         charge errors. Zero for an output without stress.
     """
-    d = piezo_coefficients(outputs)
+    d = get_piezo_coefficients(outputs)
     total = np.abs(d * integrals).sum(axis=1, keepdims=True)
     relative = errors[:, None] / np.where(total > 0.0, total, np.inf)
     return np.asarray(relative * np.abs(integrals) * np.sign(d))
@@ -314,9 +319,9 @@ def compute_charge_scales(
     """
     stress = np.abs(state.stress[..., :2]) * space.weights[..., None]
     mean_stress = stress.sum(axis=(0, 1)) / space.weights.sum()
-    d = np.abs(piezo_coefficients(outputs))
+    d = np.abs(get_piezo_coefficients(outputs))
     by_parts = CANCELLATION_FRACTION * _combine_stress_integrals(np.abs(integrals), d)
-    by_mean_stress = negligible * output_areas(outputs) * (d @ mean_stress)
+    by_mean_stress = negligible * compute_output_areas(outputs) * (d @ mean_stress)
     charges = np.abs(combine_charges(outputs, integrals))
     scales = np.maximum(charges, np.maximum(by_parts, by_mean_stress))
     return np.where(scales > 0.0, scales, 1.0)
@@ -341,7 +346,7 @@ def measure_area_defects(
     ndarray, shape (outputs,)
         |meshed area / area - 1|; zero for outputs that the mesh does not follow.
     """
-    areas = output_areas(outputs)
+    areas = compute_output_areas(outputs)
     meshed = areas.copy()
     for i, output in enumerate(outputs):
         if output.patch is None:
@@ -366,6 +371,15 @@ def _select_film_for_samples(
     A nonlinear law needs the uneven prestrain at these points; the linear elastic stress of this
     prestrain is added by the caller. If the prestrain is uniform or the law is linear, the film is
     the membrane itself.
+
+    Parameters
+    ----------
+    membrane : Membrane
+        The membrane.
+    sampling : Sampling
+        The sampling points.
+    sector : SymmetrySector
+        The sector on which they are.
     """
     if membrane.added is None or membrane.law.is_linear:
         return membrane
@@ -376,6 +390,15 @@ def _iterate_samplings(
     outputs: Sequence[Output], space: Space, sector: SymmetrySector
 ) -> Iterator[tuple[Observable, Sampling, Array]]:
     """Yield the sampling points of all outputs and their reflections, grouped by observable.
+
+    Parameters
+    ----------
+    outputs : sequence of Output
+        The outputs.
+    space : Space
+        Finite-element space of the sector.
+    sector : SymmetrySector
+        The sector, for the reflections.
 
     Yields
     ------

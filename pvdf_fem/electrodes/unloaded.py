@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pvdf_fem.electrodes.stress_integrals import StressIntegrals
-from pvdf_fem.problem.outputs import output_areas
+from pvdf_fem.problem.outputs import compute_output_areas
 from pvdf_fem.problem.problem import Problem
 
 
@@ -28,6 +28,6 @@ def compute_uniform_integrals(problem: Problem) -> StressIntegrals | None:
     stress = problem.unloaded_stress
     if stress is None:
         return None
-    areas = output_areas(problem.unloaded_outputs)
+    areas = compute_output_areas(problem.unloaded_outputs)
     values = areas[:, None] * stress
     return StressIntegrals(values, np.zeros_like(values))

@@ -170,7 +170,7 @@ def format_title(section: Any, name: str) -> str:
 def find_section(scene: Scene, table: str) -> Any:
     """Return the table of a scene with a name such as ``film`` or ``probe[0]``.
 
-        A name without a number may also belong to a list of tables. The result is None if the scene
+    A name without a number may also belong to a list of tables. The result is None if the scene
     lacks the table.
     """
     name, *indices = parse_key(table)

@@ -358,8 +358,7 @@ def build_coarse_grid(
     CoarseGrid
         Charges and their derivatives throughout the response's domain.
     """
-    lowest, highest = response.domain.force_N
-    forces = np.geomspace(lowest, highest, options.forces)
+    forces = np.geomspace(*response.domain.force_N, options.forces)
     positions = _make_positions(response.domain.reach_mm, dict(fixed_positions), options)
     rotation_count = options.rotations if is_rotation_dependent(response) else 1
     period_deg = find_rotation_period_deg(response)
@@ -370,19 +369,15 @@ def build_coarse_grid(
     coordinates[..., TouchColumn.FORCE] = np.log(forces)[:, None]
     coordinates = coordinates.reshape(rotation_count, -1, 4)
     system = np.empty((*coordinates.shape[:2], len(electrodes), 4), np.float32)
-    for rotation in range(rotation_count):
-        touches = coordinates[rotation].copy()
-        node_forces = np.exp(touches[:, TouchColumn.FORCE]).clip(lowest, highest)
-        touches[:, TouchColumn.FORCE] = node_forces
-        charges, derivatives = evaluate_on_stage(response, touches, film_rotation_deg)
-        derivatives[:, :, TouchColumn.FORCE] *= node_forces[:, None]  # dQ/d(ln F) = F dQ/dF
-        columns = [charges[..., None], derivatives[..., DERIVATIVE_COLUMNS]]
-        system[rotation] = np.concatenate(columns, axis=-1).take(electrodes, axis=1)
+    for rotation, nodes in enumerate(coordinates):
+        by_electrode = _evaluate_nodes(response, nodes, film_rotation_deg)
+        system[rotation] = by_electrode.take(electrodes, axis=1)
+    _, neighbours = cKDTree(positions).query(positions, k=9)
     node_charges = system[..., 0].swapaxes(1, 2)
     slopes = system[..., FORCE_DERIVATIVE].swapaxes(1, 2)
     return CoarseGrid(
         coordinates=coordinates,
-        neighbours=cKDTree(positions).query(positions, 9)[1].T,
+        neighbours=neighbours.T,
         half_spacing=0.5 * math.log(forces[1] / forces[0]),
         period_deg=period_deg,
         system=system,
@@ -391,6 +386,30 @@ def build_coarse_grid(
         quadratic_terms=np.square(slopes),
         options=options,
     )
+
+
+def _evaluate_nodes(response: ChargeFunction, nodes: Array, film_rotation_deg: float) -> Array:
+    """Evaluate charges and their derivatives with respect to `DERIVATIVE_COLUMNS` at nodes.
+
+    Parameters
+    ----------
+    response : ChargeFunction
+        The response of one probe.
+    nodes : ndarray, shape (n, 4)
+        Coordinates of the nodes along the axes of the stage, with logarithms of the forces.
+    film_rotation_deg : float
+        Rotation of the film on the stage.
+
+    Returns
+    -------
+    ndarray, shape (n, electrodes, 1 + 3)
+    """
+    forces = np.exp(nodes[:, TouchColumn.FORCE]).clip(*response.domain.force_N)
+    touches = nodes.copy()
+    touches[:, TouchColumn.FORCE] = forces
+    charges, derivatives = evaluate_on_stage(response, touches, film_rotation_deg)
+    derivatives[:, :, TouchColumn.FORCE] *= forces[:, None]  # dQ/d(ln F) = F dQ/dF
+    return np.concatenate([charges[..., None], derivatives[..., DERIVATIVE_COLUMNS]], axis=-1)
 
 
 def _make_positions(

@@ -68,17 +68,22 @@ class OtherUnit(NamedTuple):
 
 
 def name_other_unit(scene: Scene, sizes: Sequence[Sequence[str]], unit: str) -> OtherUnit | None:
-    """Name the mistake that readings are in other units, or return None if there are none.
+    """Describe the mistake that readings are in one of several other units.
 
     Parameters
     ----------
     scene : Scene
         Scene of the sensor. Without a readout, a unit of charge is chosen.
     sizes : sequence of sequence of str
-        Names of the units in which the readings fit, by size: units of the same size on the
-        channels are together. Of these, one of `USUAL_UNITS` is chosen if it is among them.
+        Units in which the readings fit. Each inner sequence has the names of the units of one size,
+        of which one is chosen, preferably one of `USUAL_UNITS`.
     unit : str
         The unit that the readings are said to be in.
+
+    Returns
+    -------
+    OtherUnit or None
+        None if `sizes` is empty.
     """
     chosen = []
     for names in sizes:
@@ -122,9 +127,10 @@ def find_other_unit(
     Returns
     -------
     OtherUnit or None
-        The units that explain at least half of the rows, and more than ten times as many as `unit`.
-        If no unit explains any row, for example because channels are swapped, pC or V if the sizes
-        of all readings are possible in it but of none in `unit`. Otherwise None.
+        The units in which touches explain at least half of the rows, and more than ten times as
+        many rows as in `unit`. If no row is explained in any unit, for example because channels are
+        swapped: pC or V, if the sizes of all readings are possible in it, but of none in `unit`.
+        Otherwise None.
     """
     known: dict[int, Array] = {}
     if rotations_deg is not None:
@@ -164,21 +170,33 @@ class _UnitTest:
     reading: str | None
 
     def find_other(self, unit: str) -> OtherUnit | None:
-        """Find another unit in which the readings fit; see `find_other_unit`."""
-        others = [names for names, _ in list_unit_ratios(self.channels, unit)]
+        """Find another unit in which touches explain the readings, or in which they are possible.
+
+        Possible readings are considered only if no unit explains any row.
+
+        Parameters
+        ----------
+        unit : str
+            The unit that the readings are said to be in.
+
+        Returns
+        -------
+        OtherUnit or None
+            As returned by `find_other_unit`.
+        """
+        other_sizes = [names for names, _ in list_unit_ratios(self.channels, unit)]
         explained = self._count_explained(unit)
-        clear = []
-        for names in others:
+        fitting = []
+        for names in other_sizes:
             count = self._count_explained(names[0])
             if count >= MIN_FRACTION * len(self.readings) and count > CLEAR_RATIO * explained:
-                clear.append(names)
-        if clear or explained or self._count_possible(unit):
-            return name_other_unit(self.response.scene, clear, unit)
-        for names in others:
-            is_usual = not set(names).isdisjoint(USUAL_UNITS)
-            if is_usual and self._count_possible(names[0]) == len(self.readings):
-                clear.append(names)
-        return name_other_unit(self.response.scene, clear, unit)
+                fitting.append(names)
+        if not fitting and not explained and not self._count_possible(unit):
+            for names in other_sizes:
+                is_usual = not set(names).isdisjoint(USUAL_UNITS)
+                if is_usual and self._count_possible(names[0]) == len(self.readings):
+                    fitting.append(names)
+        return name_other_unit(self.response.scene, fitting, unit)
 
     @cached_property
     def channels(self) -> list[Channel]:

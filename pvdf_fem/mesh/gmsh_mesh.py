@@ -1,11 +1,11 @@
 """Mesh a scene with gmsh: the clamped film with electrodes, patches and probes as subdomains.
 
-This is the only module that imports gmsh. The outlines are embedded by OpenCASCADE's ``fragment``,
-so that subdomains and their intersections are unions of elements. Elements are six-node triangles,
-whose curved sides give them the areas of the outlines. Element sizes are smallest along the
-outlines and grow linearly with the distance from them (`GradedSizes`), or follow an error estimate
-on an earlier mesh (`SizeField`). A mesh may cover only a symmetry sector of a scene
-(`symmetry.SymmetrySector`).
+This module alone uses gmsh in the program's own process. The outlines are embedded by OpenCASCADE's
+``fragment``, so that subdomains and their intersections are unions of elements. Elements are
+six-node triangles, whose curved sides give them the areas of the outlines. Element sizes are
+smallest along the outlines and grow linearly with the distance from them (`GradedSizes`), or follow
+an error estimate on an earlier mesh (`SizeField`). A mesh may cover only a symmetry sector of a
+scene (`symmetry.SymmetrySector`).
 """
 
 from __future__ import annotations

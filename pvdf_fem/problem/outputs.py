@@ -150,7 +150,7 @@ def reflect_outputs(
     return reflections, owners
 
 
-def output_areas(outputs: Sequence[Output]) -> Array:
+def compute_output_areas(outputs: Sequence[Output]) -> Array:
     """Return the areas of the outputs' outlines in m².
 
     Returns
@@ -160,7 +160,7 @@ def output_areas(outputs: Sequence[Output]) -> Array:
     return np.array([output.outline.area for output in outputs])
 
 
-def piezo_coefficients(outputs: Sequence[Output]) -> Array:
+def get_piezo_coefficients(outputs: Sequence[Output]) -> Array:
     """Return d31 and d32 of each output in C/N.
 
     Returns

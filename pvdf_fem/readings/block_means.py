@@ -11,10 +11,10 @@ from pvdf_fem.readings.recording import SampleBlock
 
 
 def average_blocks(blocks: Iterator[SampleBlock], count: int) -> Iterator[SampleBlock]:
-    """Yield blocks with the means of each `count` samples in a row.
+    """Yield blocks with the means of groups of `count` consecutive samples.
 
     Missing samples are left out of the mean. It is infinite if a sample is marked as beyond the
-    range. Fewer samples at the end of the recording have a mean, too.
+    range. The last group of a recording may have fewer samples.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def average_blocks(blocks: Iterator[SampleBlock], count: int) -> Iterator[Sample
 
 
 def _average(block: SampleBlock, count: int) -> SampleBlock:
-    """Return the means of groups of samples, whose number is a multiple of `count`."""
+    """Average groups of `count` samples of a block, whose length is a multiple of `count`."""
     times_s = _compute_means(block.times_s[:, None], count)[:, 0]
     return SampleBlock(times_s, _compute_means(block.values, count))
 
@@ -54,6 +54,6 @@ def _compute_means(values: Array, count: int) -> Array:
     """
     groups = values.reshape(-1, count, values.shape[1])
     is_given = ~np.isnan(groups)
-    with np.errstate(invalid="ignore"):  # beyond both ends of the range, or no value: NaN
+    with np.errstate(invalid="ignore"):  # NaN for ∞ - ∞ and for 0 / 0
         sums = np.where(is_given, groups, 0.0).sum(axis=1)
         return np.asarray(sums / is_given.sum(axis=1))

@@ -57,7 +57,7 @@ def parse_heading(heading: str) -> Column:
     Returns
     -------
     Column
-        Its unit is None if the heading has none that is known. The name is then the heading.
+        If the heading has no known unit, the unit is None, and the name is the whole heading.
     """
     text = " ".join(heading.split())
     of_dataset = _READING_OF_DATASET.fullmatch(text)
@@ -65,24 +65,28 @@ def parse_heading(heading: str) -> Column:
         return Column(text, of_dataset[2], parse_unit(of_dataset[1]))
     for pattern in (_UNIT_IN_BRACKETS, *_UNIT_AT_END, _UNIT_AFTER_BLANK):
         match = pattern.fullmatch(text)
-        unit = parse_unit(match[2], pattern is _UNIT_IN_BRACKETS) if match else None
-        if match and unit:
+        if match is None:
+            continue
+        unit = parse_unit(match[2], ignore_case=pattern is _UNIT_IN_BRACKETS)
+        if unit is not None:
             return Column(text, match[1].strip(), unit)
     return Column(text, text)
 
 
 def parse_unit_row(cells: Sequence[str]) -> list[Unit | None] | None:
-    """Return the units in a row below a header, or None if the row is not one of units.
+    """Return the units in a row below a header, or None if it is not a row of units.
+
+    It is a row of units if at least half of the cells that are not empty are known units.
 
     Parameters
     ----------
     cells : sequence of str
-        Cells of the row. It is one of units if half of the cells that are not empty have one.
+        Cells of the row.
 
     Returns
     -------
-    list of Unit or None
-        None for an empty cell, and for one that is not a known unit.
+    list of Unit or None, or None
+        The unit of each cell; None for an empty cell, and for one that is not a known unit.
     """
     units: list[Unit | None] = []
     for cell in cells:
@@ -91,7 +95,9 @@ def parse_unit_row(cells: Sequence[str]) -> list[Unit | None] | None:
         units.append(unit)
     given = [cell for cell in cells if cell.strip()]
     known = [unit for unit in units if unit is not None]
-    return units if known and 2 * len(known) >= len(given) else None
+    if not known or 2 * len(known) < len(given):
+        return None
+    return units
 
 
 def add_units(
@@ -113,9 +119,9 @@ def add_units(
     FileError
         If a heading has another unit.
     """
-    padded = [*units, *[None] * len(columns)]
+    missing = [None] * (len(columns) - len(units))
     joined = []
-    for column, unit in zip(columns, padded, strict=False):
+    for column, unit in zip(columns, [*units, *missing], strict=False):
         if unit and column.unit and unit != column.unit:
             raise FileError(
                 f"{name}: column {column.heading}: is in {unit.symbol} by the row of units, but in "
@@ -126,7 +132,16 @@ def add_units(
 
 
 def find_column(columns: Sequence[Column], name: str, quantities: Collection[str]) -> int | None:
-    """Return the index of the column with a name.
+    """Return the index of the column with a name, or None if there is none.
+
+    The first of these rules that a column satisfies decides:
+
+    - its heading is the name;
+    - it has the name, in the same upper and lower case, and no unit or one of the quantities;
+    - the same, but upper and lower case may differ;
+    - it has the name and a unit of another quantity, which the caller must refuse.
+
+    A name with a unit, such as ``x_mm``, is also that of a column ``x`` if this has a unit.
 
     Parameters
     ----------
@@ -137,39 +152,31 @@ def find_column(columns: Sequence[Column], name: str, quantities: Collection[str
     quantities : collection of str
         Quantities that the column should have if it has a unit, such as ``charge`` and ``voltage``.
 
-    Returns
-    -------
-    int or None
-        The column with this heading. If there is none, the only column with this name and a unit of
-        these quantities; or else the only such column if upper and lower case are the same; or else
-        the only column with this name and another unit, which the caller must refuse. None if there
-        is none.
-
     Raises
     ------
     FileError
-        If several columns match alike.
+        If several columns satisfy one of the last three rules.
     """
     for index, column in enumerate(columns):
         if column.heading == name:
             return index
     wanted = parse_heading(name)
     base = wanted.name if wanted.unit and wanted.unit.quantity in quantities else name
-    has_base = base != name  # the column x of x_mm needs a unit
-    named = [i for i, column in enumerate(columns) if _has_name(column, name, base)]
-    measured: list[int] = []
+    fitting: list[int] = []
     others: list[int] = []
-    for index in named:
-        unit = columns[index].unit
-        is_headed = columns[index].heading.casefold() == name.casefold()
-        if (unit is None and (is_headed or not has_base)) or (
-            unit is not None and unit.quantity in quantities
-        ):
-            measured.append(index)
-        elif unit is not None:
+    for index, column in enumerate(columns):
+        if not _has_name(column, name, base):
+            continue
+        if column.unit is None:
+            has_full_name = column.heading.casefold() == name.casefold()
+            if has_full_name or base == name:  # a column x needs a unit to be x_mm
+                fitting.append(index)
+        elif column.unit.quantity in quantities:
+            fitting.append(index)
+        else:
             others.append(index)
-    same_case = [index for index in measured if columns[index].name == base]
-    for found in (same_case, measured, others):
+    same_case = [index for index in fitting if columns[index].name == base]
+    for found in (same_case, fitting, others):
         if len(found) > 1:
             headings = " and ".join(columns[index].heading for index in found)
             raise FileError(f"columns {headings}: both may be {name}; rename or remove one")

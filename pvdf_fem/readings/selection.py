@@ -15,12 +15,9 @@ from pvdf_fem.readings.table import Batches, Row, Table
 from pvdf_fem.readings.text.numbers import CellError, NumberReader
 from pvdf_fem.readings.times import (
     TIME_NAMES,
-    ClockTimes,
-    UnixTimes,
-    find_unix_unit,
-    is_clock_time,
+    TimesWithoutUnit,
 )
-from pvdf_fem.readings.units import UNITS, convert_factor
+from pvdf_fem.readings.units import UNITS, Unit, convert_factor
 
 #: Units to which readings in different units are converted, by the quantity that they measure.
 READING_UNITS = {"charge": "pC", "voltage": "V"}
@@ -36,47 +33,6 @@ TIME_HEADINGS = {
 }
 
 
-class TimesOfUnknownKind:
-    """A reader of times without a unit, which decides by the first cell how they are written.
-
-    Parameters
-    ----------
-    table : Table
-        The table.
-    column : Column
-        Its column of times.
-    """
-
-    def __init__(self, table: Table, column: Column) -> None:
-        self.table = table
-        self.column = column
-        self.reader: ClockTimes | UnixTimes | None = None
-        self.origin = ""  #: The cell from which times are counted; empty while there is none.
-
-    def read(self, cell: str) -> float:
-        """Return the time in a cell in s since the first one; NaN if it is missing.
-
-        A `FileError` is raised if the first time is a number whose unit is unknown.
-        """
-        if self.reader is None:
-            if is_clock_time(cell):
-                self.reader = ClockTimes()
-            else:
-                value = self.table.numbers.read(cell)
-                if math.isnan(value):
-                    return value
-                if find_unix_unit(value) is None:
-                    raise FileError(
-                        f"{self.table.name}: column {self.column.heading}: has no unit; name it "
-                        f'by its unit, as by --channels "t_s={self.column.heading}"'
-                    )
-                self.reader = UnixTimes(self.table.numbers)
-        time_s = self.reader.read(cell)
-        if not self.origin and not math.isnan(time_s):
-            self.origin = cell.strip()
-        return time_s
-
-
 @dataclass(frozen=True)
 class ChosenColumn:
     """A column of a table that is read as numbers."""
@@ -84,8 +40,8 @@ class ChosenColumn:
     index: int  #: Of the column in the table.
     heading: str  #: For messages.
     factor: float  #: From the unit of the column to the unit that is needed.
-    #: Reader of cells with times of an unknown kind, such as dates; None for cells with numbers.
-    times: TimesOfUnknownKind | None = None
+    #: Reader of cells with times without a unit, such as dates; None for cells with numbers.
+    times: TimesWithoutUnit | None = None
 
 
 def choose_quantity(table: Table, name: str) -> ChosenColumn | None:
@@ -102,7 +58,7 @@ def choose_quantity(table: Table, name: str) -> ChosenColumn | None:
     Raises
     ------
     FileError
-        If several columns may be meant, or the column has a unit of another quantity.
+        If several columns match the name, or if the column has a unit of another quantity.
     """
     unit = parse_heading(name).unit
     assert unit is not None
@@ -119,12 +75,29 @@ def choose_quantity(table: Table, name: str) -> ChosenColumn | None:
 
 
 def choose_column(table: Table, name: str) -> ChosenColumn | None:
-    """Return a column whose unit does not matter, by its name; None if the table has none.
+    """Return the column with a name, whose numbers are read without conversion.
 
-    A `FileError` is raised if several columns may be meant.
+    Parameters
+    ----------
+    table : Table
+        The table.
+    name : str
+        Name of the column.
+
+    Returns
+    -------
+    ChosenColumn or None
+        None if the table has no such column.
+
+    Raises
+    ------
+    FileError
+        If several columns match the name.
     """
     index = _find_column(table, name, [])
-    return None if index is None else ChosenColumn(index, table.columns[index].heading, factor=1.0)
+    if index is None:
+        return None
+    return ChosenColumn(index, table.columns[index].heading, factor=1.0)
 
 
 def choose_readings(
@@ -144,17 +117,17 @@ def choose_readings(
     Returns
     -------
     columns : dict of str to ChosenColumn
-        Columns by electrode, of those that have one. If they have different units, readings are
-        converted to pC or V.
+        Columns by electrode. Electrodes without a column are left out. If the columns have
+        different units, their readings are converted to pC or V.
     unit : str or None
-        Symbol of the unit of the readings if the file has it, and otherwise the unit that the user
-        has named.
+        Symbol of the unit of the readings. It is that of the file, or else `unit`.
 
     Raises
     ------
     FileError
-        If several columns may be meant for an electrode, if units are neither charges nor voltages,
-        are of both kinds, or are missing for some electrodes only, or if they are not `unit`.
+        If several columns match the name of an electrode, or if the units do not match: all columns
+        need a unit of charge, or all a unit of voltage, or none a unit. A unit of the file must be
+        `unit` if that is given.
     """
     indices = {}
     for electrode in electrodes:
@@ -163,19 +136,27 @@ def choose_readings(
             indices[electrode] = index
     used = [table.columns[index] for index in indices.values()]
     _require_matching_units(table.name, used, unit)
-    units = {column.unit for column in used if column.unit is not None}
-    if not units:
-        target = None
-    elif len(units) == 1:
-        [target] = units
-    else:
-        target = UNITS[READING_UNITS[next(iter(units)).quantity]]
+    target = _find_common_unit(used)
     chosen = {}
     for electrode, index in indices.items():
         column = table.columns[index]
-        factor = convert_factor(column.unit, target) if column.unit and target else 1.0
+        factor = 1.0
+        if column.unit is not None and target is not None:
+            factor = convert_factor(column.unit, target)
         chosen[electrode] = ChosenColumn(index, column.heading, factor)
-    return chosen, target.symbol if target else unit
+    return chosen, unit if target is None else target.symbol
+
+
+def _find_common_unit(columns: Sequence[Column]) -> Unit | None:
+    """Return the unit to which readings are converted, or None if their columns have no units.
+
+    It is the unit of all columns, or pC or V if they have several units of one quantity.
+    """
+    units = {column.unit for column in columns if column.unit is not None}
+    if not units:
+        return None
+    first = next(iter(units))
+    return first if len(units) == 1 else UNITS[READING_UNITS[first.quantity]]
 
 
 def _require_matching_units(name: str, columns: Sequence[Column], unit: str | None) -> None:
@@ -216,29 +197,30 @@ def _require_matching_units(name: str, columns: Sequence[Column], unit: str | No
 def choose_times(table: Table) -> ChosenColumn | None:
     """Return the column of times, or None if the table has none.
 
-    Columns ``t_s``, ``t_ms``, ``t_us`` are preferred, then ``time`` and the like with a unit, then
-    those without, whose cells must be dates, times of day, or numbers of seconds since 1970. Times
-    without a unit are counted from the first one. A column with another name has the times if it
-    is the only one with a unit of time.
+    The first of these columns that the table has is chosen:
 
-    Raises
-    ------
-    FileError
-        If the column has no unit and its first cells are other numbers.
+    - one of `TIME_HEADINGS`, such as ``t_s`` or ``t_ms``;
+    - one of `TIME_NAMES` with a unit, such as ``time (ms)``;
+    - one of `TIME_NAMES` without a unit, whose cells must be dates, times of day, or counts from
+      1970 (see `TimesWithoutUnit`); these times are counted from the first one;
+    - a column with any other name, if it is the only one with a unit of time.
     """
     index = _find_time_column(table.columns)
     if index is None:
         return None
     column = table.columns[index]
+    unit = column.unit
     symbol = TIME_HEADINGS.get(column.heading.casefold())
-    unit = UNITS[symbol] if symbol and column.unit is None else column.unit
+    if unit is None and symbol is not None:
+        unit = UNITS[symbol]
     if unit is not None:
         return ChosenColumn(index, column.heading, convert_factor(unit, UNITS["s"]))
-    return ChosenColumn(index, column.heading, 1.0, TimesOfUnknownKind(table, column))
+    times = TimesWithoutUnit(table.name, column.heading, table.numbers)
+    return ChosenColumn(index, column.heading, factor=1.0, times=times)
 
 
 def is_time_column(column: Column) -> bool:
-    """Return whether a column has the name of one of times, and no unit of another quantity."""
+    """Return whether a column is named like one of times, and has no unit of another quantity."""
     if column.heading.casefold() in TIME_HEADINGS:
         return True
     is_named = column.name.casefold() in TIME_NAMES
@@ -246,19 +228,15 @@ def is_time_column(column: Column) -> bool:
 
 
 def _find_time_column(columns: Sequence[Column]) -> int | None:
-    """Return the index of the best column of times, or None if there is none."""
+    """Return the index of the column of times, or None if there is none; see `choose_times`."""
     headings = [column.heading.casefold() for column in columns]
     for heading in TIME_HEADINGS:
         if heading in headings:
             return headings.index(heading)
-    for has_unit in (True, False):
-        by_name: dict[str, int] = {}
-        for index, column in enumerate(columns):
-            if is_time_column(column) and (column.unit is not None) == has_unit:
-                by_name.setdefault(column.name.casefold(), index)
-        for name in TIME_NAMES:
-            if name in by_name:
-                return by_name[name]
+    named = [i for i, column in enumerate(columns) if is_time_column(column)]
+    with_unit = [i for i in named if columns[i].unit is not None]
+    if named:
+        return min(with_unit or named, key=lambda i: TIME_NAMES.index(columns[i].name.casefold()))
     measured = [i for i, column in enumerate(columns) if _is_in_unit_of_time(column)]
     return measured[0] if len(measured) == 1 else None
 
@@ -269,7 +247,22 @@ def _is_in_unit_of_time(column: Column) -> bool:
 
 
 def _find_column(table: Table, name: str, quantities: Iterable[str]) -> int | None:
-    """Find a column by its name, and add the name of the table to the message of an error."""
+    """Find a column by its name; return its index, or None if there is none.
+
+    Parameters
+    ----------
+    table : Table
+        The table. Its name is added to the messages of `find_column`.
+    name : str
+        Name of the column, see `find_column`.
+    quantities : iterable of str
+        Quantities that the column should have if it has a unit.
+
+    Raises
+    ------
+    FileError
+        If several columns match the name.
+    """
     try:
         return find_column(table.columns, name, [*quantities])
     except FileError as error:
@@ -280,8 +273,8 @@ def _find_column(table: Table, name: str, quantities: Iterable[str]) -> int | No
 class NumberColumns:
     """A reader of the numbers in chosen columns of a table.
 
-    Before the first row, it learns from the rows of a file whether numbers have a decimal point or
-    comma. In a stream, it learns from each row before its numbers are read.
+    It learns whether numbers have a decimal point or comma. In a file, it looks at all rows before
+    the first one is read. In a stream, it looks at each row before its numbers are read.
 
     Parameters
     ----------
@@ -296,7 +289,7 @@ class NumberColumns:
 
     def __post_init__(self) -> None:
         self.numbers = self.table.numbers
-        #: How often each word stood in place of a missing number, by heading and word.
+        #: How often each word replaced a missing number, by heading and word.
         self.words = Counter[tuple[str, str]]()
         #: How often each word marked a number as beyond the range, by heading and word.
         self.range_words = Counter[tuple[str, str]]()
@@ -342,7 +335,7 @@ class NumberColumns:
         return values
 
     def describe_words(self, row: Row, values: Iterable[float]) -> str:
-        """Describe the words that a row has instead of numbers: ``A is OVER, B is #DIV/0!``.
+        """Describe the words that replace numbers in a row, such as ``A is OVER, B is #DIV/0!``.
 
         Parameters
         ----------
@@ -359,7 +352,7 @@ class NumberColumns:
         return ", ".join(parts)
 
     def read_cell_or_nan(self, row: Row, position: int) -> float:
-        """Return the number in one of the columns of a row that is malformed; NaN if it has none.
+        """Return the number in one column of a malformed row; NaN if it has none there.
 
         Parameters
         ----------
@@ -375,7 +368,7 @@ class NumberColumns:
             return math.nan
 
     def _learn_from_file(self, batches: Batches) -> None:
-        """Learn the decimal sign from the chosen columns of a file, or else from the others."""
+        """Learn the decimal sign from the chosen columns of a file, or else from all columns."""
         others = NumberReader()
         for batch in batches:
             for row in batch:
@@ -386,7 +379,7 @@ class NumberColumns:
         self.numbers.adopt(others)
 
     def _learn_from_row(self, row: Row) -> None:
-        """Learn the decimal sign from the chosen cells of a row, or else from the others."""
+        """Learn the decimal sign from the chosen cells of a row, or else from all cells."""
         self.numbers.learn(self._list_chosen_texts(row))
         self.numbers.learn(_list_texts(row.cells))
 
@@ -397,9 +390,19 @@ class NumberColumns:
         return _list_texts([row.cells[column.index] for column in self.columns])
 
     def _count_word(self, index: int, cell: Any, value: float) -> None:
-        """Count a word that stood in place of a number, by its value, NaN or infinite.
+        """Count a word that replaces a number.
 
-        Empty cells are not counted. Files of loggers mark numbers without words.
+        Empty cells are not counted. A value beyond the range of which no word is known, as in the
+        binary file of a logger, is counted as ``inf`` or ``-inf``.
+
+        Parameters
+        ----------
+        index : int
+            Index of the column in the table.
+        cell : object
+            The cell.
+        value : float
+            The value of the cell: NaN, ∞ or -∞.
         """
         text = _get_text(cell)
         heading = self.table.columns[index].heading

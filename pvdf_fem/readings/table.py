@@ -56,7 +56,7 @@ class Table:
 
 
 def make_table(name: str, columns: Mapping[str, Sequence[Any]]) -> Table:
-    """Return a table of columns in memory.
+    """Make a table of columns that are in memory.
 
     Parameters
     ----------

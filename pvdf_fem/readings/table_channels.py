@@ -13,7 +13,7 @@ from pvdf_fem.readings.table import Batches, Row, Table
 from pvdf_fem.readings.units import UNITS
 
 _WORDS = re.compile(r"\w+")
-#: Added to the headings of columns whose names another column has been given.
+#: Added to the heading of a column whose name is given to another column.
 OTHER_SUFFIX = " of the file"
 
 
@@ -38,23 +38,23 @@ def make_channel_test(choice: Mapping[str, str]) -> Callable[[Column], bool]:
 def name_channels(table: Table, choice: Mapping[str, str], electrodes: Collection[str]) -> Table:
     """Return a table in which the columns of a choice have the names of their electrodes.
 
-    If the table has none of the columns of the choice, but some with the names of the electrodes,
-    these are read; a note says so.
+    If the table has none of these columns, but some with the names of the electrodes, it is
+    returned as it is, with a note.
 
     Parameters
     ----------
     table : Table
         The table.
     choice : mapping of str to str
-        Headings by electrodes, or by headings of times such as ``t_s``. Of the address of a
-        channel in the file of a logger, such as ``Group/ai0``, the last part is enough.
+        Headings by electrodes, or by headings of times such as ``t_s``. An address such as
+        ``Group/ai0`` is that of a channel in the file of a logger; its last part is compared, too.
     electrodes : collection of str
         Names of the electrodes.
 
     Raises
     ------
     FileError
-        If the table has no column with a name, or several.
+        If the table has no column with a chosen name, or several.
     """
     if not choice:
         return table
@@ -71,17 +71,27 @@ def name_channels(table: Table, choice: Mapping[str, str], electrodes: Collectio
             columns[index] = Column(f"{column.heading}{OTHER_SUFFIX}", "", column.unit)
     for key, found in indices.items():
         index = _require_one(table, key, choice[key], found)
-        column = table.columns[index]
-        columns[index] = (
-            parse_heading(key) if key not in electrodes else replace(column, heading=key, name=key)
-        )
+        if key in electrodes:
+            columns[index] = replace(table.columns[index], heading=key, name=key)
+        else:
+            columns[index] = parse_heading(key)  # such as t_s
     return replace(table, columns=tuple(columns))
 
 
 def suggest_channels(columns: Sequence[Column], electrodes: Sequence[str]) -> str:
-    """Return an example of a choice to type, with the columns that have the names of electrodes.
+    """Return an example of a choice of columns to type, such as ``A=Channel A,B=Channel B``.
 
-    Such as ``A=Channel A,B=Channel B``; without such columns it has the word NAME.
+    Parameters
+    ----------
+    columns : sequence of Column
+        Columns of the table. Those are suggested whose name has that of an electrode as a word.
+    electrodes : sequence of str
+        Names of the electrodes.
+
+    Returns
+    -------
+    str
+        The example. If no column can be suggested, it has the word NAME.
     """
     pairs = []
     for electrode in electrodes:
@@ -93,24 +103,24 @@ def suggest_channels(columns: Sequence[Column], electrodes: Sequence[str]) -> st
 
 
 def _list_names(address: str) -> set[str]:
-    """Return the address of a channel, and its last part, in lower case."""
+    """Return the names of a channel in lower case: its address, and the last part of it."""
     text = " ".join(address.split()).casefold()
     return {text, text.rpartition("/")[2]}
 
 
 def _has_one_of_names(column: Column, names: Collection[str]) -> bool:
-    """Return whether the heading of a column, with or without its unit, is one of some names."""
+    """Return whether a column has one of some names, with or without its unit."""
     return column.heading.casefold() in names or column.name.casefold() in names
 
 
 def _find_indices(columns: Sequence[Column], address: str) -> list[int]:
-    """Return the indices of the columns with a name."""
+    """Return the indices of the columns that an address may mean."""
     names = _list_names(address)
     return [index for index, column in enumerate(columns) if _has_one_of_names(column, names)]
 
 
 def _require_one(table: Table, key: str, address: str, found: Sequence[int]) -> int:
-    """Return the only index of those that were found.
+    """Return the index of the only column that was found; refuse none and several.
 
     Parameters
     ----------
@@ -135,15 +145,22 @@ def _require_one(table: Table, key: str, address: str, found: Sequence[int]) -> 
         raise FileError(f"{table.name}: columns {headings}: both may be {address}; rename one")
     headings = ", ".join(column.heading for column in table.columns)
     raise FileError(
-        f"{table.name}: has no column {address}; its columns are {headings}; name one by "
+        f"{table.name}: has no column {address}; its columns are {headings}; choose one by "
         f'--channels "{key}=NAME"'
     )
 
 
 def add_times(table: Table, rate_Hz: float) -> Table:
-    """Return a table without times with a column ``t_s`` at a constant rate.
+    """Return a copy of a table with a column ``t_s`` of times at a constant rate.
 
-    The first row has the time 0. Rows that are malformed count.
+    The first row has the time 0. Malformed rows count.
+
+    Parameters
+    ----------
+    table : Table
+        A table without times.
+    rate_Hz : float
+        Number of rows per second.
 
     Raises
     ------

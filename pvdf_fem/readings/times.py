@@ -7,6 +7,7 @@ import re
 from datetime import date
 from typing import NamedTuple
 
+from pvdf_fem.files import FileError
 from pvdf_fem.readings.text.numbers import MAX_QUOTED, CellError, NumberReader, read_word
 
 #: Names of columns of times, without a unit, in lower case. Those in front are preferred.
@@ -59,7 +60,7 @@ class UnixTimes:
 
 
 def find_unix_unit(value: float) -> float | None:
-    """Return the unit in s in which a number, counted from 1970, is a date since 2001; or None."""
+    """Return the unit in s in which a count from 1970 is a date since 2001, or None."""
     for smallest, unit_s in _UNIX_UNITS_S:
         if smallest <= value < 1e2 * smallest:
             return unit_s
@@ -99,6 +100,51 @@ class ClockTimes:
         return round(SECONDS_PER_DAY * days + (time_s - self.first.time_s), 9)
 
 
+class TimesWithoutUnit:
+    """A reader of times whose column has no unit; the first cell shows how they are written.
+
+    They are dates or times of day, for `ClockTimes`, or else counts from 1970, for `UnixTimes`.
+
+    Parameters
+    ----------
+    table_name : str
+        Name of the table, for messages.
+    heading : str
+        Heading of the column of times, for messages.
+    numbers : NumberReader
+        Reader of the numbers in the table.
+    """
+
+    def __init__(self, table_name: str, heading: str, numbers: NumberReader) -> None:
+        self.table_name = table_name
+        self.heading = heading
+        self.numbers = numbers
+        self._reader: ClockTimes | UnixTimes | None = None
+
+    def read(self, cell: str) -> float:
+        """Return the time in a cell in s since the first one; NaN if it is missing.
+
+        A `FileError` is raised if the first time is a number that is not a count from 1970.
+        """
+        if self._reader is None:
+            self._reader = self._choose_reader(cell)
+        return math.nan if self._reader is None else self._reader.read(cell)
+
+    def _choose_reader(self, cell: str) -> ClockTimes | UnixTimes | None:
+        """Return a reader for times that are written as in a cell; None if the cell has no time."""
+        if is_clock_time(cell):
+            return ClockTimes()
+        value = self.numbers.read(cell)
+        if math.isnan(value):
+            return None
+        if find_unix_unit(value) is None:
+            raise FileError(
+                f"{self.table_name}: column {self.heading}: has no unit, and is no date; give its "
+                f'unit, for example by --channels "t_s={self.heading}"'
+            )
+        return UnixTimes(self.numbers)
+
+
 class _Moment(NamedTuple):
     """A day and a time of day, kept apart since a double has not enough digits for both."""
 
@@ -112,7 +158,9 @@ def _read_time_of_day(match: re.Match[str]) -> float:
         return 0.0
     hours = int(match["hour"])
     if match["half"]:
-        hours = hours % 12 + (12 if match["half"].lower() == "pm" else 0)
+        hours %= 12
+    if (match["half"] or "").lower() == "pm":
+        hours += 12
     seconds = float(match["second"] or 0.0)
     if match["fraction"]:
         seconds += float(f"0.{match['fraction'][1:]}")
@@ -120,7 +168,9 @@ def _read_time_of_day(match: re.Match[str]) -> float:
     zone = match["zone"] or ""
     if zone[:1] in ("+", "-"):
         digits = zone[1:].replace(":", "")
-        offset_min = int(f"{zone[0]}1") * (60 * int(digits[:2]) + int(digits[2:]))
+        offset_min = 60 * int(digits[:2]) + int(digits[2:])
+    if zone.startswith("-"):
+        offset_min = -offset_min
     return 3600.0 * hours + 60.0 * (int(match["minute"]) - offset_min) + seconds
 
 
@@ -131,15 +181,17 @@ _ORDERS = ("day first", "month first")
 class _DayCounter:
     """A counter of the days since the first date.
 
-    Dates are written year first, or as day.month.year. Where slashes or hyphens separate a day and
-    a month in front of a year, their order is that of the first date with a number above 12. Before
-    it, the date may stay the same, or change to a day that is the next one in one order only.
+    Dates are written as year, month, day in any notation, or as day.month.year with points. With
+    slashes or hyphens, and the year at the end, the day or the month may come first. A number above
+    12 shows the order, as does a date that is the day after the last one in one of the orders only.
+    Until the order is known, the date may only stay the same.
     """
 
     def __init__(self) -> None:
         self._text = ""
         self._elapsed = 0
-        self._first: dict[str, int] = {}  # Number of the first day by the order of its numbers.
+        # Numbers of the first and the last day, by the orders that are still possible.
+        self._first: dict[str, int] = {}
         self._last: dict[str, int] = {}
 
     def count(self, text: str, mark: str) -> int:
@@ -162,28 +214,24 @@ class _DayCounter:
         days = _list_days(text, mark)
         if not self._first:
             self._first = days
-        elapsed = {
-            order: days[order] - self._first[order] for order in days if order in self._first
-        }
+        orders = [order for order in days if order in self._first]
+        elapsed = {order: days[order] - self._first[order] for order in orders}
         if len(set(elapsed.values())) > 1:
-            elapsed = {
-                order: count
-                for order, count in elapsed.items()
-                if days[order] - self._last[order] == 1
-            }
+            orders = [order for order in orders if days[order] - self._last[order] == 1]
+            elapsed = {order: elapsed[order] for order in orders}
         if len(set(elapsed.values())) != 1:
             raise CellError(
                 f"{text} has a day and a month that may be exchanged; write the date as YYYY-MM-DD"
             )
-        self._first = {order: self._first[order] for order in elapsed}
-        self._last = {order: days[order] for order in elapsed}
+        self._first = {order: self._first[order] for order in orders}
+        self._last = {order: days[order] for order in orders}
         self._text = text
         self._elapsed = next(iter(elapsed.values()))
         return self._elapsed
 
 
 def _list_days(text: str, mark: str) -> dict[str, int]:
-    """Return the number of a day by the order of its date, for the orders that it may have.
+    """Return the numbers of the days that a date may mean, by the order of day and month.
 
     Parameters
     ----------
@@ -198,13 +246,13 @@ def _list_days(text: str, mark: str) -> dict[str, int]:
         If there is no such date.
     """
     first, second, third = (int(part) for part in text.split(mark))
-    readings = {"day first": (third, second, first), "month first": (third, first, second)}
+    dates = {"day first": (third, second, first), "month first": (third, first, second)}
     if len(text.partition(mark)[0]) == 4:
-        readings = dict.fromkeys(_ORDERS, (first, second, third))
+        dates = dict.fromkeys(_ORDERS, (first, second, third))
     elif mark == ".":
-        readings = dict.fromkeys(_ORDERS, (third, second, first))
+        dates = dict.fromkeys(_ORDERS, (third, second, first))
     days = {}
-    for order, (year, month, day) in readings.items():
+    for order, (year, month, day) in dates.items():
         if year < 100:
             year += 2000 if year < FIRST_YEAR_OF_CENTURY else 1900
         try:

@@ -22,6 +22,7 @@ _PREFIXES = {
     "m": 1e-3,
     "c": 1e-2,
     "": 1.0,
+    "h": 1e2,
     "k": 1e3,
     "M": 1e6,
 }
@@ -32,7 +33,7 @@ _FAMILIES = (
     ("N", "force", ("µ", "m", "", "k")),
     ("m", "length", ("n", "µ", "m", "c", "")),
     ("s", "time", ("n", "µ", "m", "")),
-    ("Pa", "pressure", ("m", "", "k", "M")),
+    ("Pa", "pressure", ("m", "", "h", "k", "M")),
     ("A", "current", ("f", "p", "n", "µ", "m", "")),
     ("Hz", "frequency", ("", "k", "M")),
 )
@@ -100,6 +101,20 @@ _SPELLINGS = {
     "millimeters": "mm",
     "millimetre": "mm",
     "millimetres": "mm",
+    "meter": "m",
+    "meters": "m",
+    "metre": "m",
+    "metres": "m",
+    "centimeter": "cm",
+    "centimeters": "cm",
+    "centimetre": "cm",
+    "centimetres": "cm",
+    "micrometer": "µm",
+    "micrometers": "µm",
+    "micrometre": "µm",
+    "micrometres": "µm",
+    "micron": "µm",
+    "microns": "µm",
     "hour": "h",
     "hours": "h",
     "minute": "min",
@@ -109,15 +124,16 @@ _SPELLINGS = {
 
 
 def parse_unit(text: str, ignore_case: bool = False) -> Unit | None:
-    """Return the unit with a symbol or name, or None if it is not known.
+    """Return the unit with a symbol or a name, or None if it is not known.
 
     Parameters
     ----------
     text : str
-        Such as ``pC``, ``[mV]``, ``(µs)``, ``us`` or ``degrees``. Brackets are ignored.
+        Symbol or name, such as ``pC``, ``[mV]``, ``(µs)``, ``us`` or ``degrees``. Brackets are
+        ignored.
     ignore_case : bool
-        Whether a symbol may have other upper and lower case if only one unit has its letters:
-        ``pc`` is ``pC``, but ``mpa`` may be ``mPa`` or ``MPa``.
+        Whether upper and lower case may differ from those of the symbol. ``pc`` is then ``pC``, but
+        ``mpa`` is unknown, since it may be ``mPa`` or ``MPa``.
     """
     symbol = text.strip().strip("[](){}<> ")
     symbol = symbol.replace("\u03bc", "µ")  # Greek mu to the micro sign
@@ -133,8 +149,8 @@ def parse_unit(text: str, ignore_case: bool = False) -> Unit | None:
 
 
 def convert_factor(unit: Unit, target: Unit) -> float:
-    """Return the factor that converts a number from one unit to another of the same quantity.
+    """Return the factor that converts numbers from one unit to another of the same quantity.
 
-    The factor is rounded to 15 digits, so that factors such as 1e-3 are exact.
+    The factor is rounded to 15 digits, so that 1e-3 is not 0.0010000000000000002.
     """
     return float(f"{unit.scale / target.scale:.15g}")

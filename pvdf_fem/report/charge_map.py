@@ -162,7 +162,8 @@ class ChargeMap:
         """
         is_known = np.isfinite(charges_pC).all(axis=1)
         if is_known.mean() < 1.0 - MAX_MISSING_FRACTION:
-            raise ValueError(f"{(~is_known).sum()} of the {is_known.size} points have no charges")
+            reason = f"{(~is_known).sum()} of the {is_known.size} points have no charges"
+            raise ValueError(f"{reason}, more than {MAX_MISSING_FRACTION:.0%}")
         points_mm = points.points_mm[is_known]
         charges = charges_pC[is_known]
         is_logarithmic = np.asarray((charges > 0.0).all(axis=0))

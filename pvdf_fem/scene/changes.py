@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import BaseModel
 
+from pvdf_fem.scene.drawings.drawing import Drawing
 from pvdf_fem.scene.load import FORCE_KEYS
-from pvdf_fem.scene.placed.electrode import Layout
+from pvdf_fem.scene.placed.electrode import Electrode, Layout
 from pvdf_fem.scene.placed.placed_shape import SIZE_KEYS
 from pvdf_fem.scene.scene_file import format_error
 from pvdf_fem.scene.validation.dependent_keys import ALTERNATIVE_KEYS, set_key
@@ -28,6 +29,8 @@ _KEY = re.compile(r"[^.[\]]+(?:\.[^.[\]]+|\[[0-9]{1,9}\])*")
 # Keys that are removed when the shape changes.
 _KEYS_OF_ONE_SHAPE = SIZE_KEYS | {"edge_radius_mm"}
 _KEYS_OF_EVERY_LAYOUT = Layout.list_common_keys()
+# Keys of a drawing of electrodes that electrodes do not have.
+_DRAWING_KEYS = frozenset(Drawing.model_fields) - frozenset(Electrode.model_fields)
 # Tables of a scene of which there may also be a list.
 _TABLES_OR_LISTS = ("electrodes", "probe")
 
@@ -285,6 +288,8 @@ def _apply_change(tables: dict[str, Any], steps: Steps, value: Any, alternative:
     AttributeError, LookupError, TypeError, ValueError
         If the key leads to a value that is not a table, or to an entry that a list does not have.
     """
+    if steps == ("electrodes", "drawing"):
+        _replace_electrodes(tables)
     _require_index_of_list(tables, steps)
     node: Any = tables
     for step in steps[:-1]:
@@ -302,9 +307,14 @@ def _apply_change(tables: dict[str, Any], steps: Steps, value: Any, alternative:
     if steps == ("electrodes", "layout") and node.get("layout") != value:
         for key in node.keys() - _KEYS_OF_EVERY_LAYOUT:
             del node[key]
-    if steps == ("electrodes", "drawing") and "drawing" not in node:
-        node.clear()
     set_key(node, last, value, alternative=alternative)
+
+
+def _replace_electrodes(tables: dict[str, Any]) -> None:
+    """Replace a layout or a list of electrodes by a table for the keys of a drawing."""
+    electrodes = tables.get("electrodes")
+    if not (isinstance(electrodes, dict) and "drawing" in electrodes):
+        tables["electrodes"] = {}
 
 
 def _require_index_of_list(tables: dict[str, Any], steps: Steps) -> None:
@@ -314,9 +324,13 @@ def _require_index_of_list(tables: dict[str, Any], steps: Steps) -> None:
     table does not have, such as ``probe.load``, requires a list.
     """
     section = steps[0]
+    entries = tables.get(section) or {}
+    is_drawing_key = section == "electrodes" and steps[-1] in _DRAWING_KEYS - {"drawing"}
+    if is_drawing_key and not (isinstance(entries, dict) and "drawing" in entries):
+        reason = "is a key of a drawing, which the scene has read or does not have"
+        raise _IndexError(f"{reason}; give electrodes.drawing with it")
     if section not in _TABLES_OR_LISTS or len(steps) <= 2:
         return
-    entries = tables.get(section) or {}
     has_index = isinstance(steps[1], int)
     example = f"{section}[0].x_mm"
     if isinstance(entries, list):

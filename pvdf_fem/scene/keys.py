@@ -211,7 +211,15 @@ class Key:
 
 
 def limit_to(low: float, high: float, unit: str = "") -> Key:
-    """Make the key of a number between two limits, both allowed."""
+    """Make the key of a number between two limits, both allowed.
+
+    Parameters
+    ----------
+    low, high : float
+        Smallest and largest number.
+    unit : str, optional
+        Unit of the number.
+    """
     return Key(unit, (low, high))
 
 

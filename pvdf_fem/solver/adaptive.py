@@ -28,7 +28,7 @@ from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
 from pvdf_fem.mesh.gmsh_mesh import MeshError
 from pvdf_fem.mesh.symmetry import WHOLE_FILM
 from pvdf_fem.problem.contact_result import select_tips
-from pvdf_fem.problem.outputs import piezo_coefficients
+from pvdf_fem.problem.outputs import get_piezo_coefficients
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
@@ -197,7 +197,7 @@ def compute_unloaded_integrals(problem: Problem, *, required: bool = True) -> St
 
 def compute_unloaded_charges(problem: Problem) -> Array:
     """Compute the charges of the unloaded film in C, shape (outputs,); see `solve_unloaded`."""
-    return solve_unloaded(problem).charges(piezo_coefficients(problem.unloaded_outputs))
+    return solve_unloaded(problem).charges(get_piezo_coefficients(problem.unloaded_outputs))
 
 
 def solve_outputs(
@@ -311,6 +311,15 @@ def _make_solution(level: MeshLevel, stop: Stop, history: Sequence[MeshRecord]) 
     """Make the solution from the solve on one mesh, with status, effects and warnings.
 
     If wrinkles would change a charge by more than its error, the change replaces the error.
+
+    Parameters
+    ----------
+    level : MeshLevel
+        The solve on one mesh.
+    stop : Stop
+        Reason why no further mesh was made.
+    history : sequence of MeshRecord
+        Records of all meshes.
     """
     problem = level.problem
     discrete = level.discrete
@@ -398,6 +407,17 @@ def _explain_status(level: MeshLevel, status: Status, *, stop: Stop, change: flo
     If the tolerance is not reached, the advice includes the tolerance that can be reached. If the
     solve has converged, but the relative `change` of a charge due to wrinkles exceeds the
     tolerance, it includes this change.
+
+    Parameters
+    ----------
+    level : MeshLevel
+        The level of the result.
+    status : Status
+        Status of the solution.
+    stop : Stop
+        Reason why no further mesh was made.
+    change : float or None
+        Largest relative change of a charge due to wrinkles; None if it was not estimated.
     """
     tolerance = level.problem.scene.numerics.tolerance
     if status is Status.TOLERANCE:

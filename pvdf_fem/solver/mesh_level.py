@@ -32,7 +32,7 @@ from pvdf_fem.film.unknowns import make_prolongation
 from pvdf_fem.mesh.size_field import SizeField, compute_refined_sizes
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.problem.equilibrium import Equilibrium
-from pvdf_fem.problem.outputs import Output, piezo_coefficients
+from pvdf_fem.problem.outputs import Output, get_piezo_coefficients
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.solver.discrete_solution import DiscreteSolution
 from pvdf_fem.solver.estimate.correction import (
@@ -134,7 +134,7 @@ class MeshLevel:
     @property
     def charge_errors(self) -> Array:
         """Estimated charge errors divided by `charge_scales`, shape (outputs,)."""
-        coefficients = piezo_coefficients(self.problem.outputs)
+        coefficients = get_piezo_coefficients(self.problem.outputs)
         return self.discrete.stress_integrals.charge_errors(coefficients) / self.charge_scales
 
     @cached_property

@@ -9,7 +9,7 @@ from pathlib import Path
 from skfem import MeshTri2
 
 from pvdf_fem.film.loads.load_spec import Pressure
-from pvdf_fem.mesh.mesh_file import as_mesh
+from pvdf_fem.mesh.mesh_file import resolve_mesh
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.arguments import SceneLike, coerce
 from pvdf_fem.solver.adaptive import solve_problem
@@ -41,9 +41,10 @@ def solve(
     scene : Scene, path, dict or result
         The scene, the path of its file, a dict of its tables, or a result that has a scene.
     mesh : MeshTri2 or path, optional
-        Mesh of the whole film from `mesh_scene`, or a file for `read_mesh`. It is used as it is, so
-        that errors may exceed ``numerics.tolerance``. By default meshes are refined until the
-        errors are within the tolerance.
+        Mesh of the whole film from `mesh_scene`, or a file for `read_mesh`. It is not refined, so
+        that errors may exceed ``numerics.tolerance``. If it is changed, as by curving straight
+        sides onto the rim, a warning says so. By default meshes are refined until the errors are
+        within the tolerance.
     order : int, optional
         Polynomial order of the displacement: 1, 2 or 3.
     budget : Budget, optional
@@ -83,10 +84,13 @@ def solve(
     order = coerce("order", order, int, (1, max(UNKNOWNS_PER_ELEMENT)))
     if budget is not None:
         budget = coerce("budget", budget, Budget)
-    if mesh is not None:
-        mesh = as_mesh(mesh, problem.scene)
+    given = None if mesh is None else resolve_mesh(mesh, problem.scene)
     require_differentiable(problem)
-    solution = solve_problem(problem, mesh=mesh, order=order, budget=budget)
+    solution = solve_problem(
+        problem, mesh=None if given is None else given.mesh, order=order, budget=budget
+    )
+    if given is not None:
+        solution = replace(solution, warnings=(*given.notes, *solution.warnings))
     if not problem.scene.uncertain or solution.status is not Status.CONVERGED:
         return solution
     try:

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pvdf_fem import __version__
 from pvdf_fem.progress import Progress, show_progress
 from pvdf_fem.scene.arguments import SceneLike, as_response, as_scene, coerce
 from pvdf_fem.scene.scene import Scene
@@ -226,9 +225,9 @@ def _make_dataset(
     attributes : mapping of str to values
         Additional attributes of the dataset. Those that are None or an empty text are left out.
     """
-    import xarray  # slow to import
-
-    from pvdf_fem.studies.sweep_dataset import make_attributes, make_coordinates
+    # xarray is slow to import.
+    from pvdf_fem.studies.sweep_dataset import make_coordinates
+    from pvdf_fem.view.files.netcdf import make_attributes, make_dataset
 
     grid = study.grid
     dims = [axis.name for axis in grid.axes]
@@ -237,12 +236,8 @@ def _make_dataset(
         about = make_attributes(f"{name[0]} of the probe", "mm")
         coordinates[name] = (name, columns.grid.coordinates_mm, about)
     kept = {key: value for key, value in attributes.items() if value not in (None, "")}
-    kept |= {
-        "Conventions": "CF-1.11",
-        "title": "Cramér-Rao bounds of touches of a PVDF membrane",
-        "source": f"pvdf_fem {__version__}",
-    }
-    data = xarray.Dataset(coords=coordinates, attrs=kept)
+    title = "Cramér-Rao bounds of touches of a PVDF membrane"
+    data = make_dataset({}, coordinates, title, kept)
     for name, values in columns.maps.items():
         description, unit = MAPS[name]
         arranged = values.reshape(*grid.shape, *values.shape[1:])
@@ -262,7 +257,7 @@ def _add_position_statistics(data: xarray.Dataset) -> None:
     These are the medians and the largest values of the standard deviations of position and force,
     and the fraction of ambiguous positions. Positions without a result are left out of them.
     """
-    from pvdf_fem.studies.sweep_dataset import make_attributes
+    from pvdf_fem.view.files.netcdf import make_attributes
 
     fraction = data.ambiguous.mean(POSITION_DIMS)
     about_fraction = make_attributes("fraction of ambiguous positions", "1")

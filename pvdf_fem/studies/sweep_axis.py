@@ -32,6 +32,7 @@ RESERVED_NAMES = {
     "charge_change_error_pC",
     "deflection_max_mm",
     "status",
+    "status_flag",
     "reading_V",
     "electrode",
 }
@@ -200,6 +201,11 @@ def _parse_axis(
     return SweepAxis(name, values)
 
 
+def make_full_name(key: str) -> str:
+    """Return a whole scene key as a name of CF, without dots: ``probe.x_mm`` as ``probe_x_mm``."""
+    return key.replace(".", "_")
+
+
 def _is_netcdf_name(name: Any) -> bool:
     """Return whether a value is a valid name of a dimension and a variable in NetCDF files."""
     if not isinstance(name, str) or not unicodedata.is_normalized("NFC", name):
@@ -257,6 +263,15 @@ def _parse_range(
     """Parse a table with the keys of `ValueRange`, and append errors to a list.
 
     An empty tuple is returned if there are errors. See `_parse_values` for the parameters.
+
+    Parameters
+    ----------
+    where : str
+        Key of the table, for messages.
+    table : mapping
+        The table.
+    errors : list of str
+        Receives the messages.
     """
     try:
         numbers = ValueRange.model_validate(table)
@@ -338,6 +353,7 @@ def _find_axis_conflicts(axes: Sequence[SweepAxis]) -> Iterator[str]:
     coordinates = set[str]()
     for axis in axes:
         coordinates |= {*axis.values, *axis.extra_coordinates}
+        coordinates |= {make_full_name(key) for key in axis.values}
     for index, axis in enumerate(axes):
         where = f"axes[{index}]"
         if axis.name in names:

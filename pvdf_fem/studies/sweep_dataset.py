@@ -1,30 +1,30 @@
-"""The dataset of a sweep: charges over a grid of scenes, as an xarray dataset or a NetCDF file."""
+"""The dataset of a sweep: charges over a grid of scenes."""
 
 from __future__ import annotations
 
 import json
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray
+from numpy.typing import NDArray
 
-from pvdf_fem import __version__
 from pvdf_fem.arrays import Array
 from pvdf_fem.batch.plan import SweepPlan
 from pvdf_fem.batch.store import Record
 from pvdf_fem.electrodes.channel import compute_readings_V
-from pvdf_fem.files import replace_file
-from pvdf_fem.scene.keys import split_unit
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.solver.nonlinear.status import Status
 from pvdf_fem.studies.scene_grid import SceneGrid
+from pvdf_fem.studies.sweep_axis import make_full_name
+from pvdf_fem.view.files.netcdf import describe_key, make_attributes, make_dataset
 
-#: Replacements of the non-ASCII characters of units in files.
-_ASCII_SIGNS = str.maketrans({"µ": "u", "Ω": "Ohm", "²": "2", "³": "3"})
 #: Names of the ancillary variables (CF conventions) of `charge_pC`.
-_ANCILLARY = "charge_error_pC status"
+_ANCILLARY = "charge_error_pC status_flag"
+#: Meanings of the values 0, 1, ... of `status_flag`. The first is that of an empty status.
+_FLAG_MEANINGS = ("not_solved", *Status)
 _CHARGE_VARIABLES = {
     "charge_pC": "total charge",
     "charge_error_pC": "estimated error of the total charge",
@@ -133,8 +133,9 @@ def make_sweep_dataset(
         their differences ``charge_change_pC``, their errors ``charge_error_pC``,
         ``rest_charge_error_pC`` and ``charge_change_error_pC``, and with ``[readout]`` the
         ``reading_V``; they are NaN where there is no charge. Variables with the dimensions of the
-        axes: ``status`` and ``deflection_max_mm``. Variables have the CF attributes ``long_name``
-        and ``units``; coordinates also have the attribute ``key``, the scene key that varies.
+        axes: ``status``, ``status_flag`` (the same as a number) and ``deflection_max_mm``.
+        Variables have the CF attributes ``long_name`` and ``units``; coordinates also have the
+        attribute ``key``, the scene key that varies.
     """
     electrodes = _list_electrodes(plan.scenes)
     columns = SweepColumns(plan.scenes, electrodes)
@@ -156,22 +157,38 @@ def make_sweep_dataset(
     attributes = make_attributes("largest deflection", "mm")
     variables["deflection_max_mm"] = (dims, arrange(columns.deflections_mm), attributes)
     attributes = make_attributes("status of the solve")
-    variables["status"] = (dims, arrange(columns.statuses), attributes)
+    statuses = arrange(columns.statuses)
+    variables["status"] = (dims, statuses, attributes)
+    variables["status_flag"] = _make_status_flags(dims, statuses)
     if any(scene.readout for scene in plan.scenes):
         attributes = make_attributes("reading just after a sudden touch", "V")
         variables["reading_V"] = (by_electrode, arrange(columns.readings_V), attributes)
     coordinates = make_coordinates(grid)
     coordinates["electrode"] = ("electrode", electrodes, make_attributes("electrode"))
-    return xarray.Dataset(
-        variables,
-        coordinates,
-        {
-            "Conventions": "CF-1.11",
-            "title": "charges of the electrodes of a PVDF membrane",
-            "scene": grid.scene.to_toml(),
-            "source": f"pvdf_fem {__version__}",
-        },
+    title = "charges of the electrodes of a PVDF membrane"
+    return make_dataset(variables, coordinates, title, {"scene": grid.scene.to_toml()})
+
+
+def _make_status_flags(dims: Sequence[str], statuses: NDArray[np.str_]) -> xarray.Variable:
+    """Make the flag variable of CF for statuses: a number for each, with the list of meanings.
+
+    Parameters
+    ----------
+    dims : sequence of str
+        Dimensions of the statuses.
+    statuses : ndarray of str
+        Statuses of the solves; empty where there is none.
+    """
+    flags = np.zeros(statuses.shape, np.int8)
+    for value, meaning in enumerate(_FLAG_MEANINGS):
+        flags[statuses == meaning] = value
+    attributes = make_attributes(
+        "status of the solve as a number",
+        standard_name="status_flag",
+        flag_values=np.arange(len(_FLAG_MEANINGS), dtype=np.int8),
+        flag_meanings=" ".join(_FLAG_MEANINGS),
     )
+    return xarray.Variable(dims, flags, attributes)
 
 
 def _list_electrodes(scenes: Sequence[Scene]) -> list[str]:
@@ -187,8 +204,9 @@ def make_coordinates(grid: SceneGrid) -> dict[str, Any]:
     """Make the coordinates of a dataset along the axes of a grid, with their attributes.
 
     There is a coordinate for each key that varies. It has the name of its axis if the axis has a
-    single key. Otherwise its name is the last part of its key, or the whole key if the last part is
-    also that of another key or the name of an axis. The extra coordinates of axes are added.
+    single key. Otherwise its name is the last part of its key. If this is also that of another key
+    or the name of an axis, it is the whole key with underscores: ``probe_x_mm``. The extra
+    coordinates of axes are added.
     """
     name_counts = Counter(axis.name for axis in grid.axes)
     for axis in grid.axes:
@@ -197,7 +215,7 @@ def make_coordinates(grid: SceneGrid) -> dict[str, Any]:
     for axis in grid.axes:
         for key, values in axis.values.items():
             last_part = _get_last_key_part(key)
-            name = last_part if name_counts[last_part] == 1 else key
+            name = last_part if name_counts[last_part] == 1 else make_full_name(key)
             if len(axis.values) == 1:
                 name = axis.name  # A coordinate with the name of its dimension is its index.
             attributes = {"key": key, **describe_key(key)}
@@ -224,22 +242,3 @@ def _make_coordinate_labels(values: Sequence[Any]) -> list[Any]:
         is_text = isinstance(value, str)
         labels.append(value if is_text else json.dumps(value, ensure_ascii=False))
     return labels
-
-
-def describe_key(key: str) -> dict[str, str]:
-    """Make the CF attributes of a key: its words as the long name, and its unit in ASCII signs."""
-    words, unit = split_unit(key)
-    return make_attributes(words, unit.translate(_ASCII_SIGNS))
-
-
-def make_attributes(long_name: str, unit: str = "") -> dict[str, str]:
-    """Make the CF attributes of a variable; an empty unit is left out."""
-    if not unit:
-        return {"long_name": long_name}
-    return {"long_name": long_name, "units": unit}
-
-
-def write_netcdf(data: xarray.Dataset, path: Path) -> None:
-    """Write a dataset to a NetCDF 3 file, from which xarray reads an equal dataset."""
-    with replace_file(path) as part:
-        data.to_netcdf(part, format="NETCDF3_64BIT", engine="scipy")

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pvdf_fem import __version__
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import replace_file
 from pvdf_fem.inverse.touch.locate_many import CHUNK_ROWS
@@ -233,9 +232,8 @@ def _make_dataset(
     attributes : mapping of str to values
         Further attributes of the dataset, such as the seed.
     """
-    import xarray  # slow to import
-
-    from pvdf_fem.studies.sweep_dataset import describe_key, make_attributes
+    # xarray is slow to import.
+    from pvdf_fem.view.files.netcdf import describe_key, make_attributes, make_dataset
 
     variables: dict[str, Any] = {}
     for column, name in enumerate(TOUCH_QUANTITIES):
@@ -244,17 +242,9 @@ def _make_dataset(
         description = make_attributes(ELECTRODE_VARIABLES[name], "pC")
         variables[name] = (["touch", "electrode"], values, description)
     coordinates = {"electrode": ("electrode", [*response.names], make_attributes("electrode"))}
-    return xarray.Dataset(
-        variables,
-        coordinates,
-        {
-            "Conventions": "CF-1.11",
-            "title": "random touches of a PVDF membrane",
-            "scene": response.scene.to_toml(),
-            "source": f"pvdf_fem {__version__}",
-            **attributes,
-        },
-    )
+    title = "random touches of a PVDF membrane"
+    data = make_dataset(variables, coordinates, title, {"scene": response.scene.to_toml()})
+    return data.assign_attrs(attributes)
 
 
 def make_table(data: xarray.Dataset) -> pd.DataFrame:
@@ -287,7 +277,7 @@ def write_dataset(data: xarray.Dataset, path: Path) -> None:
     path : Path
         Path with an extension in `FORMATS`; an existing file is replaced. Parquet requires pyarrow.
     """
-    from pvdf_fem.studies.sweep_dataset import write_netcdf
+    from pvdf_fem.view.files.netcdf import write_netcdf
 
     if path.suffix.lower() == ".nc":
         write_netcdf(data, path)

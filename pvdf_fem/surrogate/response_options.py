@@ -226,7 +226,7 @@ def _find_incompatible_keys(scene: Scene) -> Iterator[str]:
     for key in FILM_LOAD_CLASSES:
         value = getattr(film, key)
         if value:
-            reason = "incompatible with a response, whose film is flat without a probe; remove it"
+            reason = "is incompatible with a response, whose unloaded film is flat; remove it"
             yield format_error(f"film.{key}", value, reason)
     if load.tangential_N is not None or load.profile != "uniform":
         yield (
@@ -234,7 +234,7 @@ def _find_incompatible_keys(scene: Scene) -> Iterator[str]:
             " load.profile"
         )
     if observable != "material":
-        reason = "incompatible with a response, which integrates the stress about the probe"
+        reason = "is incompatible with a response, which integrates the stress about the probe"
         yield format_error("numerics.observable", observable, f"{reason}; choose 'material'")
 
 

@@ -244,7 +244,17 @@ def _draw_panel(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> li
 
 
 def _draw_differences(ax: Axes, frame: pd.DataFrame, colours: Mapping[str, Any]) -> None:
-    """Draw the differences between computed charges and readings, in percent of the readings."""
+    """Draw the differences between computed charges and readings, in percent of the readings.
+
+    Parameters
+    ----------
+    ax : Axes
+        The axes.
+    frame : DataFrame
+        Rows of the curves.
+    colours : mapping of str to colour
+        Colours of the curves.
+    """
     data = frame[frame.charge_pC.notna()]
     for name, rows in data.groupby("curve"):
         percent = 100.0 * (rows.computed_pC / rows.charge_pC - 1.0)

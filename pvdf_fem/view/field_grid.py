@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray
@@ -11,7 +11,26 @@ import xarray
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.point_values import COMPONENT_NAMES, PointValues
 from pvdf_fem.scene.arguments import coerce
+from pvdf_fem.view.files.netcdf import make_attributes, make_dataset
 
+
+class _ComponentField(NamedTuple):
+    """How the dataset describes a vector or a tensor."""
+
+    dimension: str  # dimension of the components
+    label_name: str  # long name of this dimension
+    long_name: str  # long name of the field
+    unit: str
+
+
+_COMPONENT_FIELDS = {
+    "displacement_mm": _ComponentField("direction", "direction", "displacement", "mm"),
+    "slopes": _ComponentField("slope_component", "derivative", "slopes of the deflection", "1"),
+    "strain": _ComponentField("strain_component", "component", "Green-Lagrange strain", "1"),
+    "stress_MPa": _ComponentField(
+        "stress_component", "component", "second Piola-Kirchhoff stress", "MPa"
+    ),
+}
 #: Maximum number of coordinates along an axis of a grid.
 MAX_COORDINATES = 2001
 
@@ -66,21 +85,21 @@ def make_field_dataset(values: PointValues, scene: str) -> xarray.Dataset:
         dimension for their components.
     """
     grid = ("y_mm", "x_mm")
+    density = make_attributes("charge density, also outside electrodes", "pC/mm²")
     variables: dict[str, Any] = {
-        "deflection_mm": (
-            grid,
-            values.deflection_mm,
-            {"long_name": "deflection", "units": "mm"},
-        ),
-        "charge_density_pC_mm2": (
-            grid,
-            values.charge_density_pC_mm2,
-            {"long_name": "charge density", "units": "pC/mm2"},
-        ),
+        "deflection_mm": (grid, values.deflection_mm, make_attributes("deflection", "mm")),
+        "charge_density_pC_mm2": (grid, values.charge_density_pC_mm2, density),
     }
-    coordinates: dict[str, Any] = {"x_mm": values.x_mm[0], "y_mm": values.y_mm[:, 0]}
-    dimensions = ("direction", "slope_component", "strain_component", "stress_component")
-    for dimension, (name, components) in zip(dimensions, COMPONENT_NAMES.items(), strict=True):
-        variables[name] = ((*grid, dimension), getattr(values, name))
-        coordinates[dimension] = list(components)
-    return xarray.Dataset(variables, coordinates, {"scene": scene})
+    about_x = make_attributes("x in the undeformed film", "mm")
+    about_y = make_attributes("y in the undeformed film", "mm")
+    coordinates: dict[str, Any] = {
+        "x_mm": ("x_mm", values.x_mm[0], about_x),
+        "y_mm": ("y_mm", values.y_mm[:, 0], about_y),
+    }
+    for name, field in _COMPONENT_FIELDS.items():
+        dimension = field.dimension
+        about = make_attributes(field.long_name, field.unit)
+        variables[name] = ((*grid, dimension), getattr(values, name), about)
+        labels = list(COMPONENT_NAMES[name])
+        coordinates[dimension] = (dimension, labels, make_attributes(field.label_name))
+    return make_dataset(variables, coordinates, "fields of a PVDF membrane", {"scene": scene})

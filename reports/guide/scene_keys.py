@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pvdf_fem.scene.changes import to_plain_value
+from pvdf_fem.scene.drawings.drawing import Drawing
 from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.instrument.calibration import CalibratedParameters
 from pvdf_fem.scene.instrument.response_domain import ResponseDomain
@@ -34,12 +35,14 @@ from pvdf_fem.scene.stage import Stage
 from pvdf_fem.scene.validation.table_forms import TableForm, list_forms
 
 EXAMPLE = Path(__file__).parents[2] / "geometry" / "four_electrodes.toml"
+DRAWN_ELECTRODES = "[electrodes], in place of the layout"
 LISTED_PROBE = "[[probe]], besides the keys of [probe]"
 #: Tables of a scene file and their models.
 MODELS: Mapping[str, type[Section]] = {
     "[film]": Film,
     "[electrodes]": Layout,
     "[[electrodes]]": Electrode,
+    DRAWN_ELECTRODES: Drawing,
     "[probe]": Probe,
     LISTED_PROBE: ListedProbe,
     "[[film.patches]]": Patch,
@@ -146,7 +149,8 @@ def make_commented_scene() -> str:
     for heading, forms in TABLES.items():
         table, _, more = heading.partition(", ")
         field = Scene.model_fields.get(table.strip("[]"))
-        is_used = table[1] != "[" and field is not None and field.default is not None
+        has_default = field is not None and field.default is not None
+        is_used = table[1] != "[" and has_default and not more
         about = clean_docstring(forms[0].description) if len(forms) == 1 else ABOUT[table]
         lines = _comment(f"{more}: {about}" if more else about)
         lines.append(table if is_used else f"#{table}")

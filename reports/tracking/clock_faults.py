@@ -48,7 +48,17 @@ def exchange_rows(stream: Stream, random: np.random.Generator) -> Stream:
 
 
 def _jitter(stream: Stream, random: np.random.Generator, intervals: float) -> Stream:
-    """Add Gaussian jitter to the stamps, with a deviation in sampling intervals."""
+    """Add Gaussian jitter to the stamps.
+
+    Parameters
+    ----------
+    stream : Stream
+        The stream.
+    random : numpy.random.Generator
+        Source of the jitter.
+    intervals : float
+        Standard deviation of the jitter in sampling intervals.
+    """
     jitter_s = intervals / stream.rate_Hz * random.standard_normal(len(stream.true_s))
     jitter_s[~stream.is_in_window] = 0.0
     story = f"jitter of {intervals:.2f} intervals"
@@ -56,24 +66,24 @@ def _jitter(stream: Stream, random: np.random.Generator, intervals: float) -> St
 
 
 def jitter_stamps(stream: Stream, random: np.random.Generator) -> Stream:
-    """Let the stamps jitter, but hardly ever exchange."""
+    """Let the stamps jitter, but so little that hardly any two are exchanged."""
     return _jitter(stream, random, random.uniform(0.05, 0.3))
 
 
 def jitter_stamps_backwards(stream: Stream, random: np.random.Generator) -> Stream:
-    """Let the stamps jitter so much that they go backwards, as those of a streaming inlet do."""
+    """Let the stamps jitter so much that they go backwards, as those of streaming inlets may."""
     return _jitter(stream, random, random.uniform(0.6, 3.0))
 
 
 def stamp_bursts(stream: Stream, random: np.random.Generator) -> Stream:
-    """Write the same time in blocks of equal size, as a driver that reads a buffer does."""
+    """Write one time for each block of rows, like a driver that reads a buffer."""
     size = int(random.choice([2, 4, 8, 16, 32, 64]))
     block = np.arange(len(stream.true_s)) // size * size
     return stream.describe(f"blocks of {size} rows", stamps_s=stream.stamps_s[block])
 
 
 def stamp_chunks(stream: Stream, random: np.random.Generator) -> Stream:
-    """Write the time of the last row in chunks of random size, as Lab Streaming Layer does."""
+    """Write the time of the last row for each chunk of random size, like Lab Streaming Layer."""
     count = len(stream.true_s)
     sizes = 1 + random.poisson(max(2.0, 0.02 * stream.rate_Hz), size=count)
     ends = np.minimum(np.cumsum(sizes), count) - 1
@@ -100,12 +110,17 @@ def _wrap(
         The stream.
     random : numpy.random.Generator
         Source of the time of the wrap.
-    period_s, tick_s, low_s : float
-        Period and resolution of the counter, and its lowest time.
+    period_s : float
+        Period of the counter in s.
+    tick_s : float
+        Resolution of the counter in s.
+    low_s : float
+        Lowest time of the counter in s, at which it begins anew.
     """
     wrap_s = random.uniform(0.3, stream.seconds)
     counted_s = stream.stamps_s - stream.stamps_s[0] - wrap_s + period_s
-    stamps_s = tick_s * np.floor(np.mod(counted_s, period_s) / tick_s + 1e-6) + low_s
+    ticks = np.floor(np.mod(counted_s, period_s) / tick_s + 1e-6)
+    stamps_s = tick_s * ticks + low_s
     return stream.describe(f"wraps after {wrap_s:.2f} s", stamps_s=stamps_s)
 
 
@@ -115,7 +130,7 @@ def wrap_microseconds(stream: Stream, random: np.random.Generator) -> Stream:
 
 
 def wrap_signed_microseconds(stream: Stream, random: np.random.Generator) -> Stream:
-    """Count microseconds in 32 bits with a sign: from the largest to the lowest, a negative one."""
+    """Count microseconds in 32 bits with a sign, so that the counter wraps to a negative time."""
     low_s = -0.5 * MICROSECOND_WRAP_S
     return _wrap(stream, random, period_s=MICROSECOND_WRAP_S, tick_s=1e-6, low_s=low_s)
 
@@ -126,7 +141,7 @@ def wrap_milliseconds(stream: Stream, random: np.random.Generator) -> Stream:
 
 
 def start_below_zero(stream: Stream, random: np.random.Generator) -> Stream:
-    """Begin at a negative time, as recordings with a trigger do."""
+    """Begin at a negative time, like recordings with a trigger."""
     begin_s = -float(random.choice([1.0, 20.0, 30.0, 50.0, 100.0, 1e4]))
     return stream.describe(f"begins at {begin_s:g} s", stamps_s=stream.stamps_s + begin_s)
 
@@ -137,7 +152,17 @@ def start_at_date(stream: Stream, random: np.random.Generator) -> Stream:
 
 
 def _jump(stream: Stream, row: int, step_s: float) -> Stream:
-    """Let the clock jump at a row; a press at this time is excused."""
+    """Let the clock jump, and excuse a press at this time.
+
+    Parameters
+    ----------
+    stream : Stream
+        The stream.
+    row : int
+        First row after the jump.
+    step_s : float
+        Change of the stamps in s; negative for a jump back.
+    """
     stamps_s = stream.stamps_s.copy()
     stamps_s[row:] += step_s
     if step_s > 0.0:
@@ -154,7 +179,7 @@ def jump_back(stream: Stream, random: np.random.Generator) -> Stream:
 
 
 def restart_clock(stream: Stream, random: np.random.Generator) -> Stream:
-    """Let the clock begin anew at its first time."""
+    """Let the clock start again at its first time."""
     row = draw_row(stream, random)
     return _jump(stream, row, stream.stamps_s[0] - stream.stamps_s[row])
 
@@ -185,7 +210,17 @@ def drop_single_rows(stream: Stream, random: np.random.Generator) -> Stream:
 def _replace_stamps(
     stream: Stream, random: np.random.Generator, values_s: Sequence[float]
 ) -> Stream:
-    """Replace up to three stamps by values that are drawn from a list."""
+    """Replace up to three stamps by random values.
+
+    Parameters
+    ----------
+    stream : Stream
+        The stream.
+    random : numpy.random.Generator
+        Source of the rows and the values.
+    values_s : sequence of float
+        Values in s from which those of the stamps are drawn.
+    """
     stamps_s = stream.stamps_s.copy()
     count = int(random.integers(1, 4))
     for _ in range(count):

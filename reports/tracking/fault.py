@@ -36,20 +36,20 @@ class Fault:
     stage : Stage
         Where in the measuring chain the fault acts.
     message : str
-        Regular expression that a message, a status or a list of missing channels has to match;
-        empty if nothing need be said.
+        Regular expression that a message, a status or a list of missing channels has to match. It
+        is empty if no message is required.
     rate_Hz : float, optional
         Sampling rate that the fault requires.
     least_rate_Hz : float
-        Least sampling rate at which the fault makes sense.
+        Lowest sampling rate at which the fault makes sense.
     sets_origin : bool
-        Whether the fault sets where the times begin.
+        Whether the fault determines the first time of the record.
     is_event : bool
-        Whether the fault happens at one time, so that a long stream may have many.
+        Whether the fault occurs at one time, so that a long stream may have it many times.
     is_early : bool
-        Whether a press comes while the tracker settles.
+        Whether there is a press while the tracker settles.
     mixes : bool
-        Whether it is combined with other faults.
+        Whether the fault may be combined with others.
     """
 
     name: str
@@ -65,14 +65,28 @@ class Fault:
 
 
 def apply_faults(stream: Stream, faults: tuple[Fault, ...], random: np.random.Generator) -> Stream:
-    """Apply faults in the order of the measuring chain."""
+    """Apply faults in the order of the measuring chain.
+
+    Parameters
+    ----------
+    stream : Stream
+        The stream.
+    faults : tuple of Fault
+        The faults, in any order.
+    random : numpy.random.Generator
+        Source of the parameters of the faults.
+
+    Returns
+    -------
+    Stream
+    """
     for fault in sorted(faults, key=lambda fault: fault.stage):
         stream = fault.apply(stream, random)
     return stream
 
 
 def draw_row(stream: Stream, random: np.random.Generator) -> int:
-    """Draw a row in the window of the stream, during a press or not."""
+    """Draw any row in the window of the stream, with or without a press."""
     return int(np.searchsorted(stream.true_s, random.uniform(*stream.window)))
 
 
@@ -94,7 +108,7 @@ def draw_channel(stream: Stream, random: np.random.Generator) -> int:
 def replace_readings(
     stream: Stream, rows: slice | int | Indices, channels: slice | int, value_V: float
 ) -> Stream:
-    """Replace readings by a value that says nothing about their channels.
+    """Replace readings by a value that has nothing to do with their channels.
 
     Parameters
     ----------
@@ -115,14 +129,14 @@ def replace_readings(
 
 
 def excuse_press_at(stream: Stream, row: int) -> Stream:
-    """Excuse a press during which the time is lost."""
+    """Excuse a press at a row where the time is lost."""
     time_s = float(stream.true_s[row])
     interval_s = 1.0 / stream.rate_Hz
     return stream.excuse(time_s - interval_s, time_s + interval_s)
 
 
 def excuse_hidden_presses(stream: Stream) -> Stream:
-    """Excuse presses of which at least half of the rows are not complete."""
+    """Excuse presses in which at least half of the rows are incomplete."""
     is_complete = np.all(stream.is_seen, axis=1)
     for press in stream.presses:
         begin, end = np.searchsorted(stream.true_s, [press.begin_s, press.end_s])

@@ -12,7 +12,7 @@ from reports.tracking.fault import Fault, Stage, apply_faults
 from reports.tracking.presses import Press, PressedSensor
 from reports.tracking.stream import Stream, draw_stream
 
-# Words of which a message about a fault has at least one.
+# Patterns of the messages about a fault, of which a message must match one.
 ABOUT_STAMPS = r"stamp|clock|time"
 ABOUT_WRAP = r"wrap|overflow|32"
 ABOUT_RESTART = r"back|restart|jump|begins? anew"
@@ -117,7 +117,7 @@ FAULTS = (
         least_rate_Hz=250.0,
     ),
     Fault("hum from a time on", signal.add_late_hum, Stage.SIGNAL, ABOUT_HUM, least_rate_Hz=250.0),
-    # Its alias may look like noise, so that it need not be named.
+    # The alias of this hum may look like noise, so that no message is required.
     Fault("hum at 100 Hz", signal.add_hum, Stage.SIGNAL, rate_Hz=100.0),
     Fault("slow drift", signal.add_drift, Stage.SIGNAL),
     Fault("constant offsets", signal.add_offsets, Stage.SIGNAL),
@@ -132,8 +132,8 @@ FAULTS = (
     ),
     Fault("inverted", signal.invert_channels, Stage.SIGNAL, ABOUT_SIGN, mixes=False),
 )
-EARLY_BEGIN_S = (0.05, 0.4)  #: Begin of a press while the tracker settles, ...
-EARLY_DURATION_S = (0.15, 0.6)  #: ... and its duration.
+EARLY_BEGIN_S = (0.05, 0.4)  #: Range of the start of a press while the tracker settles.
+EARLY_DURATION_S = (0.15, 0.6)  #: Range of the duration of such a press.
 
 
 def draw_faulty_stream(
@@ -152,15 +152,15 @@ def draw_faulty_stream(
     sensor : PressedSensor
         The sensor.
     domain : Domain
-        Reach of the presses, and the range of their forces.
+        Reach of the presses and range of their forces.
     faults : tuple of Fault
-        Faults that happen in the stream.
+        Faults of the stream.
     random : numpy.random.Generator
         Source of random numbers.
     rate_Hz : float, optional
-        Sampling rate, unless a fault requires another one. Default: None, a random rate.
+        Sampling rate, unless a fault requires another one. By default it is random.
     seconds : float, optional
-        Duration. Default: None, by the rate.
+        Duration. By default it depends on the rate, see `draw_stream`.
     """
     early: tuple[Press, ...] = ()
     if any(fault.is_early for fault in faults):
@@ -181,16 +181,18 @@ def draw_faulty_stream(
 
 
 def can_mix(first: Fault, second: Fault) -> bool:
-    """Return whether two faults can happen in one stream."""
+    """Return whether two faults can be combined in one stream."""
+    if not (first.mixes and second.mixes):
+        return False
+    if first.sets_origin and second.sets_origin:
+        return False
     rates_Hz = {fault.rate_Hz for fault in (first, second) if fault.rate_Hz}
-    least_rate_Hz = max(first.least_rate_Hz, second.least_rate_Hz)
-    is_possible = all(rate_Hz >= least_rate_Hz for rate_Hz in rates_Hz)
-    is_possible = is_possible and not (first.sets_origin and second.sets_origin)
-    return first.mixes and second.mixes and len(rates_Hz) < 2 and is_possible
+    min_rate_Hz = max(first.least_rate_Hz, second.least_rate_Hz)
+    return len(rates_Hz) < 2 and all(rate_Hz >= min_rate_Hz for rate_Hz in rates_Hz)
 
 
 def draw_mixture(random: np.random.Generator) -> tuple[Fault, Fault]:
-    """Draw two different faults that can happen in one stream."""
+    """Draw two different faults that can be combined in one stream."""
     while True:
         first, second = random.choice(len(FAULTS), 2, replace=False)
         if can_mix(FAULTS[first], FAULTS[second]):

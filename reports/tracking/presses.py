@@ -28,14 +28,14 @@ SMALL_FORCE_EXPONENTS = (0.5, 3.0)
 LONGEST_STEP_S = 1e-3
 DURATIONS_S = (0.1, 2.0)  #: Shortest and longest press.
 PAUSES_S = (0.3, 1.5)  #: Shortest and longest time between two presses.
-FIRST_S = 1.2  #: Earliest begin of the first press; a tracker settles before.
+FIRST_S = 1.2  #: Earliest start of the first press; a tracker settles before it.
 LAST_S = 0.5  #: Time without a press at the end of a stream.
 TAP_S = 0.4  #: A shorter press has no hold.
 
 
 @dataclass(frozen=True)
 class Press:
-    """A press: the force rises by half a cosine wave, is held, and falls again."""
+    """A press, whose force rises along half a cosine wave, is held, and falls likewise."""
 
     begin_s: float
     duration_s: float
@@ -51,14 +51,14 @@ class Press:
         return self.begin_s + self.duration_s
 
     def compute_force(self, time_s: Array) -> Array:
-        """Compute the force in N at times in s, (n,); zero before and after the press."""
+        """Compute the force in N at times in s, shape (n,); it is zero outside the press."""
         elapsed_s = np.asarray(time_s) - self.begin_s
         margin_s = np.minimum(elapsed_s, self.duration_s - elapsed_s)
         phase = np.clip(margin_s / (0.5 * self.ramp_fraction * self.duration_s), 0.0, 1.0)
         return self.force_N * np.sin(0.5 * np.pi * phase) ** 2
 
     def overlaps(self, begin_s: float, end_s: float) -> bool:
-        """Return whether the press shares a time with an interval."""
+        """Return whether the press and an interval of time overlap."""
         return self.begin_s < end_s and begin_s < self.end_s
 
 
@@ -76,7 +76,7 @@ def draw_presses(
     seconds : float
         Duration of the stream.
     first_s : float, optional
-        Earliest begin of the first press.
+        Earliest start of the first press.
 
     Returns
     -------
@@ -108,7 +108,7 @@ class PressedSensor:
         Charges as a function of the touch, more accurate than the tracked response. Its scene has
         the readout.
     forces_N : tuple of float
-        Least and largest force that it is evaluated at.
+        Smallest and largest force at which it is evaluated.
     """
 
     response: ChargeFunction
@@ -126,34 +126,47 @@ class PressedSensor:
 
     @cached_property
     def unloaded_pC(self) -> Array:
-        """Charges without a press, (electrodes,)."""
+        """Charges without a press in pC, shape (electrodes,)."""
         return compute_unloaded_charges(self.response, "change")[0]
 
     def compute_changes(self, press: Press, force_N: Array) -> Array:
-        """Compute the changes of the charges in pC, (n, electrodes), at forces in N, (n,).
+        """Compute the changes of the charges under a press.
+
+        Parameters
+        ----------
+        press : Press
+            The press, for its position.
+        force_N : ndarray, shape (n,)
+            Forces in N.
+
+        Returns
+        -------
+        ndarray, shape (n, electrodes)
+            Changes in pC.
 
         Notes
         -----
-        The charges are splines of the cube root of the force. In this root the charges of a
-        stretched film are smooth: they grow with F² for small forces, and with F to the power 2/3
-        for large ones. Below the least force they continue as the power of the force that has the
-        same slope there.
+        The charges are splines of the cube root of the force, because the charges of a stretched
+        film are smooth functions of it: they grow with F² for small forces, and with F to the power
+        2/3 for large ones. Below the smallest force, a power of the force with the same slope
+        continues the spline.
         """
-        least_N = self.forces_N[0]
-        least_root, largest_root = np.cbrt(self.forces_N)
-        roots = np.linspace(least_root, largest_root, FORCE_NODES)
+        smallest_N = self.forces_N[0]
+        smallest_root, largest_root = np.cbrt(self.forces_N)
+        roots = np.linspace(smallest_root, largest_root, FORCE_NODES)
         touches = np.zeros((FORCE_NODES, 4))
         touches[:, 0] = press.x_mm
         touches[:, 1] = press.y_mm
         touches[:, 3] = np.clip(roots**3, *self.forces_N)
-        spline = CubicSpline(roots, self.response.evaluate(touches)[0] - self.unloaded_pC)
+        charges_pC, _ = self.response.evaluate(touches)
+        spline = CubicSpline(roots, charges_pC - self.unloaded_pC)
         exponents = roots[0] / 3.0 * spline(roots[0], 1) / spline(roots[0])
         exponents = np.clip(exponents, *SMALL_FORCE_EXPONENTS)
-        shares = np.minimum(force_N / least_N, 1.0)[:, None] ** exponents
-        return shares * spline(np.cbrt(np.maximum(force_N, least_N)))
+        shares = np.minimum(force_N / smallest_N, 1.0)[:, None] ** exponents
+        return shares * spline(np.cbrt(np.maximum(force_N, smallest_N)))
 
     def compute_readings(self, presses: tuple[Press, ...], time_s: Array) -> Array:
-        """Compute the readings of the channels in V, (n, electrodes), without noise.
+        """Compute the readings of the channels without noise.
 
         Parameters
         ----------
@@ -161,6 +174,11 @@ class PressedSensor:
             Presses that do not overlap.
         time_s : ndarray, shape (n,)
             Evenly spaced times.
+
+        Returns
+        -------
+        ndarray, shape (n, electrodes)
+            Readings in V.
 
         Notes
         -----
@@ -179,7 +197,7 @@ class PressedSensor:
         readings_V = []
         for channel, charge_pC in zip(self.channels, charges_pC.T, strict=True):
             step = step_s / channel.time_constant
-            # Charge that comes evenly during a step decays for half of the step on average.
+            # Charge that arrives evenly during a step decays for half of the step on average.
             mean_decay = -np.expm1(-step) / step if step else 1.0
             jumps_V = 1e-12 * mean_decay * np.diff(charge_pC, prepend=0.0) / channel.capacitance
             voltage_V = lfilter([1.0], [1.0, -np.exp(-step)], jumps_V)[::substeps]

@@ -18,9 +18,9 @@ from reports.tracking.stream import Stream
 
 EVERY = slice(None)  #: All channels, or all rows.
 SPIKES_V = (5.0, -5.0, 1000.0, -1e300, 1e160)  #: Values of disturbed samples.
-#: Readings of which a spike of 0.3 V is within the range, and 1e308 overflows when it is squared.
+#: Further values: 0.3 V is in the range of a touch, and the square of 1e308 overflows.
 ALL_SPIKES_V = (0.3, *SPIKES_V, 1e308)
-SETTLING_S = 0.4  #: Spikes come within this time from the start.
+SETTLING_S = 0.4  #: Spikes while settling are within this time from the start.
 
 
 def empty_cell(stream: Stream, random: np.random.Generator) -> Stream:
@@ -31,7 +31,7 @@ def empty_cell(stream: Stream, random: np.random.Generator) -> Stream:
 
 
 def empty_cell_at_onset(stream: Stream, random: np.random.Generator) -> Stream:
-    """Empty one cell within a few rows from the begin of a press."""
+    """Empty one cell within a few rows of the start of a press."""
     press = stream.presses[random.integers(len(stream.presses))]
     row = int(np.searchsorted(stream.true_s, press.begin_s) + random.integers(-3, 8))
     stream = replace_readings(stream, row, draw_channel(stream, random), np.nan)
@@ -89,9 +89,9 @@ def _fail_channel(
     random : numpy.random.Generator
         Source of the channel and of the times.
     value_V : float or None
-        Readings from then on. None: they stay at the last reading.
+        Readings from then on. None repeats the last reading.
     returns : bool
-        Whether the channel returns after 0.3 to 2 s, with another offset.
+        Whether the channel works again after 0.3 to 2 s, with another offset.
     """
     channel = draw_channel(stream, random)
     begin = draw_row(stream, random)
@@ -112,22 +112,22 @@ def _fail_channel(
 
 
 def fail_to_zero(stream: Stream, random: np.random.Generator) -> Stream:
-    """Let a channel read 0 for a while, and return with an offset."""
+    """Let a channel read 0 for a while, and then work again with an offset."""
     return _fail_channel(stream, random, 0.0, returns=True)
 
 
 def fail_to_empty(stream: Stream, random: np.random.Generator) -> Stream:
-    """Let the cells of a channel be empty for a while, and return with an offset."""
+    """Let the cells of a channel be empty for a while, and then have an offset."""
     return _fail_channel(stream, random, np.nan, returns=True)
 
 
 def freeze_channel(stream: Stream, random: np.random.Generator) -> Stream:
-    """Let a channel repeat its last reading for a while, and return with an offset."""
+    """Let a channel repeat its last reading for a while, and then work again with an offset."""
     return _fail_channel(stream, random, None, returns=True)
 
 
 def kill_channel(stream: Stream, random: np.random.Generator) -> Stream:
-    """Let a channel read 0 for ever."""
+    """Let a channel read 0 until the end."""
     return _fail_channel(stream, random, 0.0, returns=False)
 
 
@@ -139,7 +139,7 @@ def _spike(
     *,
     length: int = 1,
 ) -> Stream:
-    """Replace the readings from each row on by a value, in one channel per row.
+    """Replace readings of one or several rows by a value, each time in one channel.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def _spike(
     rows, channels : sequence of int
         First row and channel of each spike.
     value_V : float
-        Reading.
+        Reading during a spike in V.
     length : int, optional
         Number of rows of a spike.
     """
@@ -197,7 +197,7 @@ def add_spike_bursts(stream: Stream, random: np.random.Generator) -> Stream:
 
 
 def add_common_spikes(stream: Stream, random: np.random.Generator) -> Stream:
-    """Add up to five spikes that all channels share."""
+    """Add up to five spikes that occur in all channels at once."""
     rows = np.array([draw_row(stream, random) for _ in range(random.integers(1, 6))])
     stream = replace_readings(stream, rows, EVERY, 5.0)
     return stream.describe(f"rows {rows.tolist()} read 5 V")

@@ -9,7 +9,7 @@ import numpy as np
 from reports.tracking.fault import draw_channel, draw_row
 from reports.tracking.stream import Stream
 
-HUM_V = (5e-3, 40e-3)  #: Least and largest amplitude of hum.
+HUM_V = (5e-3, 40e-3)  #: Smallest and largest amplitude of hum.
 HARMONICS = (1, 2, 3)
 
 
@@ -27,23 +27,23 @@ def excuse_early_press(stream: Stream, random: np.random.Generator) -> Stream:
 def _add_hum(
     stream: Stream, random: np.random.Generator, *, begin_s: float = 0.0, is_known: bool = False
 ) -> Stream:
-    """Add hum with two harmonics, whose size and phase differ between the channels.
+    """Add hum with two harmonics, whose amplitudes and phases differ between the channels.
 
     Parameters
     ----------
     stream : Stream
         The stream.
     random : numpy.random.Generator
-        Source of size, frequency and phases.
+        Source of amplitudes, frequency and phases.
     begin_s : float, optional
         Time at which the hum begins.
     is_known : bool, optional
-        Whether the scene has the nominal frequency.
+        Whether the scene of the tracker has the nominal frequency.
     """
     nominal_Hz = float(random.choice([50.0, 60.0]))
     frequency_Hz = nominal_Hz + random.uniform(-0.2, 0.2)
-    least_V, most_V = HUM_V
-    amplitude_V = least_V * (most_V / least_V) ** random.random()
+    lowest_V, highest_V = HUM_V
+    amplitude_V = lowest_V * (highest_V / lowest_V) ** random.random()
     hum_V = np.zeros_like(stream.readings_V)
     for harmonic in HARMONICS:
         share = 1.0 if harmonic == 1 else random.uniform(0.0, 0.3)
@@ -52,8 +52,9 @@ def _add_hum(
         angle = 2.0 * np.pi * harmonic * frequency_Hz * stream.true_s
         hum_V += sizes_V * np.sin(angle[:, None] + phases)
     hum_V[stream.true_s < begin_s] = 0.0
-    changes = {"readout.mains_Hz": nominal_Hz} if is_known else {}
-    stream = replace(stream, scene_changes={**stream.scene_changes, **changes})
+    if is_known:
+        changes = {**stream.scene_changes, "readout.mains_Hz": nominal_Hz}
+        stream = replace(stream, scene_changes=changes)
     story = f"hum of {1e3 * amplitude_V:.1f} mV, {frequency_Hz:.2f} Hz from {begin_s:.2f} s on"
     return stream.describe(story, readings_V=stream.readings_V + hum_V)
 
@@ -64,7 +65,7 @@ def add_hum(stream: Stream, random: np.random.Generator) -> Stream:
 
 
 def add_hum_of_known_frequency(stream: Stream, random: np.random.Generator) -> Stream:
-    """Add hum whose nominal frequency the scene has."""
+    """Add hum whose nominal frequency is in the scene."""
     return _add_hum(stream, random, is_known=True)
 
 
@@ -103,7 +104,7 @@ def add_step(stream: Stream, random: np.random.Generator) -> Stream:
 
 
 def invert_channels(stream: Stream, random: np.random.Generator) -> Stream:
-    """Invert all channels; no press can be located."""
+    """Invert all channels, so that no press can be located."""
     stream = stream.excuse(-np.inf, np.inf)
     return stream.describe("inverted", readings_V=-stream.readings_V)
 
@@ -116,20 +117,30 @@ def quantize(stream: Stream, random: np.random.Generator) -> Stream:
 
 
 def _draw_range(stream: Stream, random: np.random.Generator, channels: slice) -> float:
-    """Draw a range in V that is 50 to 95 % of the largest reading of some channels."""
+    """Draw a range in V that is 50 to 95 % of the largest reading.
+
+    Parameters
+    ----------
+    stream : Stream
+        The stream.
+    random : numpy.random.Generator
+        Source of the fraction.
+    channels : slice
+        Channels whose readings are considered.
+    """
     largest_V = np.nanmax(np.abs(stream.readings_V[:, channels]))
     return float(random.uniform(0.5, 0.95) * largest_V)
 
 
 def clip_channels(stream: Stream, random: np.random.Generator) -> Stream:
-    """Clip all channels at a range that the scene does not have."""
+    """Clip all channels at a range that is not in the scene."""
     range_V = _draw_range(stream, random, slice(None))
     readings_V = np.clip(stream.readings_V, -range_V, range_V)
     return stream.describe(f"clipped at {range_V:.3f} V", readings_V=readings_V)
 
 
 def clip_channels_of_known_range(stream: Stream, random: np.random.Generator) -> Stream:
-    """Clip all channels at a range that the scene has."""
+    """Clip all channels at a range that is in the scene."""
     range_V = _draw_range(stream, random, slice(None))
     readings_V = np.clip(stream.readings_V, -range_V, range_V)
     changes = {**stream.scene_changes, "readout.range_V": range_V}
@@ -138,7 +149,7 @@ def clip_channels_of_known_range(stream: Stream, random: np.random.Generator) ->
 
 
 def clip_one_channel(stream: Stream, random: np.random.Generator) -> Stream:
-    """Clip one channel at a range that the scene does not have."""
+    """Clip one channel at a range that is not in the scene."""
     channel = draw_channel(stream, random)
     range_V = _draw_range(stream, random, slice(channel, channel + 1))
     readings_V = stream.readings_V.copy()

@@ -35,7 +35,7 @@ LARGEST_PULL = 4.0  #: Largest pull that is drawn.
 
 
 class TrackedFigure(FigureKind):
-    """A figure of streams that are made up and tracked; `tolerance` is that of the response."""
+    """A figure of simulated streams that are tracked; `tolerance` is that of the response."""
 
     tolerance: float = 5e-4
 
@@ -49,20 +49,21 @@ class TrackedFigure(FigureKind):
 
 
 def count_verdicts(data: pd.DataFrame, by: str) -> pd.DataFrame:
-    """Sum the verdicts of streams by a column, and add the number of faults that are not said."""
+    """Sum the verdicts of streams by a column, and count the faults without a message."""
     counts = data.groupby(by, sort=False)[list(COUNTS)].sum()
-    counts["unsaid"] = data.groupby(by, sort=False).unsaid.agg(lambda lists: lists.str.len().sum())
+    unreported = data.groupby(by, sort=False).unreported
+    counts["unreported"] = unreported.agg(lambda lists: lists.str.len().sum())
     return counts
 
 
 def describe_counts(data: pd.DataFrame) -> str:
     """Describe the sums of the verdicts of all streams."""
     sums = data[list(COUNTS)].sum()
-    unsaid = int(data.unsaid.str.len().sum())
+    unreported = int(data.unreported.str.len().sum())
     shares = [f"{sums[name]} {name}" for name in VERDICT_COLOURS]
     return (
         f"of {sums.presses} presses {', '.join(shares)}; {sums.phantom} phantoms,"
-        f" {unsaid} faults without a message"
+        f" {unreported} faults without a message"
     )
 
 
@@ -76,7 +77,7 @@ class FaultOutcomes(TrackedFigure):
     rank: ClassVar[int] = 0
 
     def list_tasks(self, inputs: Inputs) -> list[SingleFaults]:
-        """Return one task; in a preview it has few faults."""
+        """Return one task; a preview has only some of the faults."""
         streams, step = (1, QUICK_STEP) if inputs.quick else (self.streams, 1)
         scene = self.resolve_scene(inputs)
         return [SingleFaults(scene, streams, step, self.choose_tolerance(inputs))]
@@ -127,7 +128,7 @@ class FaultOutcomes(TrackedFigure):
 
 
 class MixtureOutcomes(Kind):
-    """Streams with two random faults: the streams with an error."""
+    """Streams with two random faults: a table of those with an error."""
 
     kind: Literal["mixture-outcomes"]
     streams: Annotated[int, Field(ge=1)] = 40
@@ -151,10 +152,10 @@ class MixtureOutcomes(Kind):
 
     def make_table(self, data: pd.DataFrame) -> pd.DataFrame:
         """Return the mixtures with an error; all of them are in the CSV file."""
-        is_bad = (data.wrong + data.lost + data.phantom + data.unsaid.str.len()) > 0
-        columns = ["fault", *COUNTS]
-        table = data[is_bad][columns].astype(str)
-        table["unsaid"] = data[is_bad].unsaid.map(", ".join)
+        error_counts = data.wrong + data.lost + data.phantom + data.unreported.str.len()
+        bad = data[error_counts > 0]
+        table = bad[["fault", *COUNTS]].astype(str)
+        table["unreported"] = bad.unreported.map(", ".join)
         return table
 
     def make_claim(self, data: pd.DataFrame) -> str:
@@ -163,7 +164,7 @@ class MixtureOutcomes(Kind):
 
 
 class LongStreamPulls(TrackedFigure):
-    """A long stream with a fault a minute: errors over their stated deviations."""
+    """A long stream with a fault a minute: errors divided by their stated deviations."""
 
     kind: Literal["long-stream"]
     minutes: Annotated[int, Field(ge=1)] = 5
@@ -221,7 +222,7 @@ class CostCourse(TrackedFigure):
         """Draw the mean CPU time of blocks of rows."""
         axes.plot(data.held_s, 1e6 * data.cpu_s)
         axes.axvline(0.0, color=GREY, linewidth=0.8)
-        axes.set(xlabel="time since the begin of the hold (s)", ylabel="CPU time of a row (µs)")
+        axes.set(xlabel="time since the start of the hold (s)", ylabel="CPU time of a row (µs)")
         axes.set_ylim(bottom=0.0)
 
     def make_caption(self, data: pd.DataFrame) -> str:

@@ -12,16 +12,16 @@ from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.surrogate.touch_domain import Domain
 from reports.tracking.presses import Press, PressedSensor, draw_presses
 
-RATES_HZ = (100.0, 250.0, 500.0, 1000.0, 2000.0, 5000.0)  #: Sampling rates that are drawn ...
-RATE_SHARES = (0.15, 0.2, 0.25, 0.25, 0.1, 0.05)  #: ... and how often.
-NOISE_V = (5e-4, 2e-3)  #: Least and largest standard deviation of the noise.
-ROWS = 6000  #: Length of a stream, ...
-SECONDS = (6.0, 15.0)  #: ... unless this is shorter or longer than these durations.
-BLOCK_ROWS = 10_000  #: Rows that are converted to floats at once.
+RATES_HZ = (100.0, 250.0, 500.0, 1000.0, 2000.0, 5000.0)  #: Sampling rates that are drawn.
+RATE_SHARES = (0.15, 0.2, 0.25, 0.25, 0.1, 0.05)  #: Probabilities of these rates.
+NOISE_V = (5e-4, 2e-3)  #: Smallest and largest standard deviation of the noise.
+ROWS = 6000  #: Number of rows of a stream, if its duration is within `SECONDS`.
+SECONDS = (6.0, 15.0)  #: Shortest and longest stream.
+BLOCK_ROWS = 10_000  #: Number of rows that are converted to floats at once.
 
 
 class Interval(NamedTuple):
-    """An interval of true time in s."""
+    """An interval of true time."""
 
     begin_s: float
     end_s: float
@@ -46,15 +46,15 @@ class ClockJump(NamedTuple):
 class Stream:
     """Rows of a logger, and the truth about them."""
 
-    stamps_s: Array  #: Times as the logger writes them, (n,).
-    readings_V: Array  #: Readings as the logger writes them, (n, electrodes).
-    true_s: Array  #: True times of the rows, (n,).
-    is_seen: Mask  #: Whether a reading is that of its channel, (n, electrodes).
+    stamps_s: Array  #: Times as the logger writes them, shape (n,).
+    readings_V: Array  #: Readings as the logger writes them, shape (n, electrodes).
+    true_s: Array  #: True times of the rows, shape (n,).
+    is_seen: Mask  #: Whether a reading is that of its channel, shape (n, electrodes).
     presses: tuple[Press, ...]
     names: tuple[str, ...]  #: Names of the channels.
     rate_Hz: float
-    window: Interval  #: Interval in which faults happen.
-    #: Intervals in which a press may be lost or not located, but not located wrong.
+    window: Interval  #: Interval in which faults occur.
+    #: Intervals in which a press may be lost or not located, but not located wrongly.
     excused: tuple[Interval, ...] = ()
     forward_jumps: tuple[ClockJump, ...] = ()  #: Jumps that look like gaps in the record.
     scene_changes: Mapping[str, Any] = field(default_factory=dict)  #: Such as a known range.
@@ -69,11 +69,12 @@ class Stream:
     def presses_in_window(self) -> tuple[Press, ...]:
         """Presses that begin and end in the window."""
         begin_s, end_s = self.window
-        return tuple(p for p in self.presses if begin_s <= p.begin_s and p.end_s <= end_s)
+        presses = [press for press in self.presses if press.begin_s >= begin_s]
+        return tuple(press for press in presses if press.end_s <= end_s)
 
     @property
     def is_in_window(self) -> Mask:
-        """Mask of the rows in the window, (n,)."""
+        """Mask of the rows in the window, shape (n,)."""
         begin_s, end_s = self.window
         return (self.true_s >= begin_s) & (self.true_s < end_s)
 
@@ -82,7 +83,7 @@ class Stream:
         return replace(self, story=(*self.story, fault), **changes)
 
     def excuse(self, begin_s: float, end_s: float) -> Stream:
-        """Return a copy in which presses that share a time with an interval are excused."""
+        """Return a copy in which presses are excused if they overlap an interval."""
         return replace(self, excused=(*self.excused, Interval(begin_s, end_s)))
 
     def is_excused(self, press: Press) -> bool:
@@ -100,7 +101,7 @@ class Stream:
         )
 
     def iterate_rows(self) -> Iterator[LoggedRow]:
-        """Yield the rows. The floats of a block of rows, not of all, are made at once."""
+        """Yield the rows, converted to floats block by block to save memory."""
         for begin in range(0, len(self.true_s), BLOCK_ROWS):
             block = slice(begin, begin + BLOCK_ROWS)
             yield from map(
@@ -111,7 +112,7 @@ class Stream:
             )
 
     def compute_seen_force(self, press: Press) -> float:
-        """Compute the largest force in N of a press at rows that show at least three channels."""
+        """Compute the largest force of a press in N, at rows with at least three true readings."""
         is_shown = self.is_seen.sum(axis=1) >= 3
         return float(press.compute_force(self.true_s[is_shown]).max(initial=0.0))
 
@@ -135,8 +136,12 @@ def make_stream(
         Presses that do not overlap.
     random : numpy.random.Generator
         Source of the noise.
-    seconds, rate_Hz, noise_V : float
-        Duration, sampling rate, and standard deviation of the noise.
+    seconds : float
+        Duration in s.
+    rate_Hz : float
+        Sampling rate in Hz.
+    noise_V : float
+        Standard deviation of the noise in V.
     """
     time_s = np.arange(round(seconds * rate_Hz)) / rate_Hz
     readings_V = sensor.compute_readings(presses, time_s)
@@ -144,12 +149,12 @@ def make_stream(
     return Stream(
         time_s,
         readings_V,
-        time_s,
-        np.ones(readings_V.shape, dtype=bool),
-        presses,
-        sensor.names,
-        rate_Hz,
-        Interval(0.8, seconds - 0.3),
+        true_s=time_s,
+        is_seen=np.ones(readings_V.shape, dtype=bool),
+        presses=presses,
+        names=sensor.names,
+        rate_Hz=rate_Hz,
+        window=Interval(0.8, seconds - 0.3),
     )
 
 
@@ -170,24 +175,25 @@ def draw_stream(
     sensor : PressedSensor
         The sensor.
     domain : Domain
-        Reach of the places, and the range of the forces.
+        Reach of the presses and range of their forces.
     random : numpy.random.Generator
         Source of random numbers.
     rate_Hz : float, optional
-        Sampling rate. Default: None, one of `RATES_HZ` at random.
+        Sampling rate. By default one of `RATES_HZ` is drawn.
     least_rate_Hz : float, optional
-        Least sampling rate that is drawn.
+        Lowest sampling rate that is drawn.
     seconds : float, optional
-        Duration. Default: None, that of `ROWS` samples within the limits `SECONDS`.
+        Duration. By default that of `ROWS` samples, within the limits `SECONDS`.
     early : tuple of Press, optional
-        Presses before those that are drawn.
+        Presses before the random ones.
     """
     drawn_Hz = float(random.choice(RATES_HZ, p=RATE_SHARES))
     rate_Hz = rate_Hz or max(drawn_Hz, least_rate_Hz)
     seconds = seconds or float(np.clip(ROWS / rate_Hz, *SECONDS))
-    least_V, most_V = NOISE_V
-    noise_V = float(least_V * (most_V / least_V) ** random.random())
-    first_s = 0.9 + max([0.3, *(press.end_s for press in early)])
+    lowest_V, highest_V = NOISE_V
+    noise_V = float(lowest_V * (highest_V / lowest_V) ** random.random())
+    ends_s = [press.end_s for press in early]
+    first_s = 0.9 + max([0.3, *ends_s])
     presses = draw_presses(domain, random, seconds=seconds, first_s=first_s)
     return make_stream(
         sensor,

@@ -46,7 +46,7 @@ class Bench(NamedTuple):
         return cls(response, PressedSensor(finer, TRUE_FORCES_N))
 
     def track(self, stream: Stream) -> Outcome:
-        """Track a stream by a new tracker that knows what the stream's scene says."""
+        """Track a stream by a new tracker, whose scene has the stream's changes."""
         scene = self.response.scene.with_(**stream.scene_changes)
         return track_stream(Tracker(self.response.for_scene(scene, check=False)), stream)
 
@@ -54,14 +54,36 @@ class Bench(NamedTuple):
 def _build(
     scene: Scene, reach_mm: float, forces_N: tuple[float, float], tolerance: float
 ) -> Response:
-    """Build a response in this process."""
+    """Build a response in this process, without a progress display.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene of the sensor.
+    reach_mm : float
+        Maximum distance of touches from the centre.
+    forces_N : tuple of float
+        Smallest and largest force.
+    tolerance : float
+        Tolerance of the response.
+    """
     return build_response(
         scene, reach_mm, forces_N, tolerance, processes=1, progress=ignore_progress
     )
 
 
 def _make_row(verdict: Verdict, stream: Stream, outcome: Outcome) -> dict[str, Any]:
-    """Return the counts of a verdict, and the cost of the stream."""
+    """Make the row of a stream: the counts of its verdict, its cost and its faults in words.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        The verdict on the stream.
+    stream : Stream
+        The stream.
+    outcome : Outcome
+        All that the tracker reported, and its CPU time.
+    """
     return {
         "presses": len(stream.presses),
         **vars(verdict),
@@ -78,14 +100,15 @@ class SingleFaults(Task):
 
     scene: Scene
     streams: int  #: Streams of each fault.
-    step: int  #: Only every so many faults.
+    step: int  #: Only each fault of this step in the list is used, from the first one on.
     tolerance: float  #: Tolerance of the response.
 
     def run(self) -> Rows:
         """Track the streams."""
         bench = Bench.build(self.scene, self.tolerance)
         rows = Rows()
-        for number, fault in list(enumerate(FAULTS))[:: self.step]:
+        for number in range(0, len(FAULTS), self.step):
+            fault = FAULTS[number]
             for stream_number in range(self.streams):
                 random = np.random.default_rng([SEED, number, stream_number])
                 row = _run_stream(bench, (fault,), random)
@@ -116,7 +139,17 @@ class MixedFaults(Task):
 def _run_stream(
     bench: Bench, faults: tuple[Fault, ...], random: np.random.Generator
 ) -> dict[str, Any]:
-    """Draw a stream with faults, track it, and return its row."""
+    """Draw a stream with faults, track it, and return its row.
+
+    Parameters
+    ----------
+    bench : Bench
+        The response that tracks, and the sensor.
+    faults : tuple of Fault
+        Faults of the stream.
+    random : numpy.random.Generator
+        Source of random numbers.
+    """
     stream = draw_faulty_stream(bench.sensor, PRESSED, faults, random)
     outcome = bench.track(stream)
     return _make_row(judge(stream, outcome, faults), stream, outcome)
@@ -151,7 +184,24 @@ class LongStream(Task):
 def add_fault_each_minute(
     stream: Stream, minutes: int, random: np.random.Generator
 ) -> tuple[Stream, list[Fault]]:
-    """Apply a random fault that is an event in each minute of a stream; return the faults, too."""
+    """Apply a random fault to each minute of a stream, of those that occur at one time.
+
+    Parameters
+    ----------
+    stream : Stream
+        The stream.
+    minutes : int
+        Duration of the stream in minutes.
+    random : numpy.random.Generator
+        Source of random numbers.
+
+    Returns
+    -------
+    stream : Stream
+        The stream with faults.
+    faults : list of Fault
+        The fault of each minute.
+    """
     events = [fault for fault in FAULTS if fault.is_event]
     faults = []
     for minute in range(minutes):
@@ -200,7 +250,7 @@ class CostOfRows(Task):
 
 
 def _time_rows(tracker: Tracker, stream: Stream) -> Array:
-    """Measure the CPU time in s of each row, (n,)."""
+    """Measure the CPU time of each row in s, shape (n,)."""
     times_s = []
     for row in stream.iterate_rows():
         begin_ns = time.thread_time_ns()
@@ -210,8 +260,8 @@ def _time_rows(tracker: Tracker, stream: Stream) -> Array:
 
 
 def _trace_memory(tracker: Tracker, stream: Stream) -> Iterator[int]:
-    """Yield the bytes that the tracker has allocated at the end of each block of rows."""
-    rows = list(stream.iterate_rows())  # before, so that they do not count
+    """Yield the memory in bytes that the tracker has allocated at the end of each block of rows."""
+    rows = list(stream.iterate_rows())  # before the measurement, so that they do not count
     tracemalloc.start()
     try:
         for number, row in enumerate(rows, start=1):

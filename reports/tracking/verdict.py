@@ -1,4 +1,4 @@
-"""Verdicts on what a tracker makes of a stream: right, flagged, wrong, lost, phantom, unsaid."""
+"""Verdicts on the reports of a tracker about a stream: right, flagged, wrong, lost, phantom."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from reports.tracking.fault import Fault
 from reports.tracking.presses import Press
 from reports.tracking.stream import Stream
 
-#: A touch is right if its errors are within this many of its stated deviations, ...
+#: A touch is right if each error is at most this multiple of its stated deviation, or at most
+#: `PLACE_MM` or `FORCE_FRACTION` of the force.
 LARGEST_PULL = 4.5
-#: ... or within these errors of the place in mm and relative error of the force, as in the
-#: acceptance of streams of real hardware.
-PLACE_MM = 0.1
-FORCE_FRACTION = 0.03
-#: A touch is about a press if its onset is within this fraction of the duration, ...
+PLACE_MM = 0.1  #: Error of a position that is right in any case.
+FORCE_FRACTION = 0.03  #: Relative error of a force that is right in any case.
+#: A touch is about a press if its onset differs by at most this fraction of the duration, plus
+#: `ONSET_S`.
 ONSET_FRACTION = 0.5
-ONSET_S = 0.1  #: ... and this time.
+ONSET_S = 0.1  #: Difference of onsets that does not depend on the duration.
 #: Statuses that say nothing about a fault.
 ORDINARY = (
     TrackStatus.SETTLING,
@@ -68,15 +68,16 @@ class Verdict:
     flagged: int = 0  #: Presses that are reported with another status than ``touch``.
     wrong: int = 0
     lost: int = 0
-    excused: int = 0  #: Presses that are lost, but cannot be asked for.
+    excused: int = 0  #: Presses that are lost, but cannot be demanded.
     phantom: int = 0  #: Located touches where nothing presses.
-    unsaid: list[str] = field(default_factory=list)  #: Faults that no message is about.
-    pulls: list[list[float]] = field(default_factory=list)  #: Of x, y and force of right touches.
+    unreported: list[str] = field(default_factory=list)  #: Faults that no message is about.
+    #: Errors of x, y and force of right touches, divided by their stated deviations.
+    pulls: list[list[float]] = field(default_factory=list)
 
     @property
     def is_good(self) -> bool:
-        """Whether nothing is wrong, lost, a phantom, or unsaid."""
-        return not (self.wrong or self.lost or self.phantom or self.unsaid)
+        """Whether nothing is wrong, lost, a phantom, or unreported."""
+        return not (self.wrong or self.lost or self.phantom or self.unreported)
 
 
 def track_stream(tracker: Tracker, stream: Stream) -> Outcome:
@@ -108,11 +109,12 @@ def track_stream(tracker: Tracker, stream: Stream) -> Outcome:
 def find_expected_onsets(stream: Stream, press: Press) -> list[float]:
     """Find the onsets in s that a tracker may state.
 
-    The first is on an axis of time that begins with the first stamp and has no jumps. A tracker
-    cannot distinguish a clock that jumps forward from a gap, so the second keeps these jumps. The
-    third is the stamp that the logger wrote when the press began.
+    The first is that of a time axis that begins at the first stamp and has no jumps. The second
+    includes forward jumps, since a tracker cannot distinguish them from gaps. The third is the
+    stamp that the logger wrote when the press began.
     """
-    row = min(int(np.searchsorted(stream.true_s, press.begin_s)), len(stream.true_s) - 1)
+    row = int(np.searchsorted(stream.true_s, press.begin_s))
+    row = min(row, len(stream.true_s) - 1)
     first = int(np.argmax(np.isfinite(stream.stamps_s)))
     onset_s = float(stream.stamps_s[first] + press.begin_s - stream.true_s[first])
     jumps_s = sum(jump.step_s for jump in stream.forward_jumps if jump.true_s <= press.end_s)
@@ -120,12 +122,22 @@ def find_expected_onsets(stream: Stream, press: Press) -> list[float]:
 
 
 def is_about(stream: Stream, press: Press, report: Report) -> bool:
-    """Return whether a reported touch begins when a press does."""
+    """Return whether a reported touch is about a press, by their onsets.
+
+    Parameters
+    ----------
+    stream : Stream
+        The stream, for the times that its logger wrote.
+    press : Press
+        The press.
+    report : Report
+        The reported touch.
+    """
     if report.reported_s < press.begin_s:
         return False
-    most_s = ONSET_FRACTION * press.duration_s + ONSET_S
-    onsets_s = find_expected_onsets(stream, press)
-    return any(abs(report.summary.onset_s - onset_s) < most_s for onset_s in onsets_s)
+    limit_s = ONSET_FRACTION * press.duration_s + ONSET_S
+    onsets_s = np.array(find_expected_onsets(stream, press))
+    return bool((np.abs(report.summary.onset_s - onsets_s) < limit_s).any())
 
 
 class Errors(NamedTuple):
@@ -139,11 +151,20 @@ class Errors(NamedTuple):
 def compute_errors(stream: Stream, press: Press, summary: TouchSummary) -> Errors:
     """Compute the errors of a located touch.
 
-    If the readings at the peak are missing, any force between the largest force at a row with
-    readings and the peak is right.
+    If readings at the peak of the press are missing, any force is right between the largest force
+    at a row with readings and the peak.
+
+    Parameters
+    ----------
+    stream : Stream
+        The stream, for the rows with readings.
+    press : Press
+        The true press.
+    summary : TouchSummary
+        The located touch.
     """
-    least_N = min(stream.compute_seen_force(press), press.force_N)
-    true_N = np.clip(summary.force_N, least_N, press.force_N)
+    seen_N = min(stream.compute_seen_force(press), press.force_N)
+    true_N = np.clip(summary.force_N, seen_N, press.force_N)
     found = np.array([summary.x_mm, summary.y_mm, summary.force_N])
     errors = found - [press.x_mm, press.y_mm, true_N]
     deviations = np.array(
@@ -156,31 +177,46 @@ def compute_errors(stream: Stream, press: Press, summary: TouchSummary) -> Error
 
 
 def judge(stream: Stream, outcome: Outcome, faults: tuple[Fault, ...]) -> Verdict:
-    """Judge the outcome of a stream with faults."""
+    """Judge the outcome of a stream with faults.
+
+    Each press is compared with the first touch about it, preferably a located one.
+
+    Parameters
+    ----------
+    stream : Stream
+        The stream and the truth about it.
+    outcome : Outcome
+        All that the tracker reported.
+    faults : tuple of Fault
+        The faults of the stream, which messages have to be about.
+    """
     verdict = Verdict()
     reports = list(outcome.reports)
     for press in stream.presses:
         near = [report for report in reports if is_about(stream, press, report)]
-        located = [report for report in near if report.is_located]
         if not near:
-            verdict.excused += stream.is_excused(press)
-            verdict.lost += not stream.is_excused(press)
+            if stream.is_excused(press):
+                verdict.excused += 1
+            else:
+                verdict.lost += 1
             continue
+        located = [report for report in near if report.is_located]
         report = located[0] if located else near[0]
         reports.remove(report)
         if not located:
             verdict.flagged += 1
             continue
         errors = compute_errors(stream, press, report.summary)
-        verdict.right += errors.is_right
-        verdict.wrong += not errors.is_right
         if errors.is_right:
+            verdict.right += 1
             verdict.pulls.append(errors.pulls)
+        else:
+            verdict.wrong += 1
     verdict.phantom = sum(report.is_located for report in reports)
-    said = "\n".join(outcome.messages)
+    all_messages = "\n".join(outcome.messages)
     for fault in faults:
         if fault.is_early and verdict.right == len(stream.presses):
-            continue  # The tracker had settled before the early press.
-        if not re.search(fault.message, said, re.IGNORECASE):
-            verdict.unsaid.append(fault.name)
+            continue  # the tracker had settled before the early press
+        if not re.search(fault.message, all_messages, re.IGNORECASE):
+            verdict.unreported.append(fault.name)
     return verdict

@@ -23,7 +23,7 @@ from pvdf_fem.batch.workers import ClusterLostError, WorkerDied, run_on_processe
 from pvdf_fem.studies.scene_grid import SceneGrid
 from pvdf_fem.studies.sweep import sweep
 from pvdf_fem.studies.sweep_axis import RESERVED_NAMES
-from pvdf_fem.studies.sweep_dataset import write_netcdf
+from pvdf_fem.view.files.netcdf import write_netcdf
 from tests.conftest import Run
 from tests.helpers import deaths
 from tests.helpers.sweep_cases import AXES, BASE, made_up, run
@@ -41,7 +41,7 @@ def invented(monkeypatch):
 
 def test_every_key_along_an_axis_is_a_coordinate(invented, tmp_path):
     """By its last part, or in full where that is the name of another axis."""
-    expected = {"x_mm": "probe.x_mm", "probe.y_mm": "probe.y_mm", "y_mm": "load.force_N"}
+    expected = {"x_mm": "probe.x_mm", "probe_y_mm": "probe.y_mm", "y_mm": "load.force_N"}
     axes = [{"probe.x_mm": [0.0, 1.0], "probe.y_mm": [2.0, 3.0], "name": "place"}]
     axes += [{"load.force_N": [1.0, 2.0], "name": "y_mm"}]
     varied = {key: values for axis in axes for key, values in axis.items()}

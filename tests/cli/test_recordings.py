@@ -124,7 +124,7 @@ def test_channels_of_the_scene_and_notes(command, folder):
         ("film.tdms --rate 100", "has times or a rate of its own; omit --rate"),
         ("film.tdms --rate x", "--rate x: is not a number"),
         ("film.tdms --average 0", "--average 0: is not a whole number"),
-        ("film.wav", "give it in V, as by --full-scale"),
+        ("film.wav", "give it in V, by readout.full_scale_V"),
         ("film.tdms --unit pC", "film.tdms"),
     ],
 )

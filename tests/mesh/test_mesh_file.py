@@ -13,7 +13,8 @@ import pytest
 from pvdf_fem import Scene, solve
 from pvdf_fem.files import FileError
 from pvdf_fem.film.space import Space
-from pvdf_fem.mesh.mesh_file import MeshFileError, read_mesh
+from pvdf_fem.mesh.files.content import MeshFileError
+from pvdf_fem.mesh.mesh_file import read_mesh
 from pvdf_fem.mesh.subdomains import collect_outlines, make_subdomain_name
 from pvdf_fem.solver.history import Stop
 from pvdf_fem.solver.solution import Solution
@@ -54,7 +55,7 @@ def written() -> Solution:
     return solve(SCENE, mesh=graded_mesh(SCENE, 3.0, 12.0))
 
 
-@pytest.mark.parametrize("extension", [".msh", ".vtu", ".vtk"])
+@pytest.mark.parametrize("extension", [".msh", ".inp", ".vtu", ".vtk"])
 def test_a_mesh_written_by_the_command_is_read_unchanged(
     tmp_path: Path, extension: str, written: Solution
 ) -> None:
@@ -135,7 +136,7 @@ def with_middle(side: int, place: int) -> meshio.Mesh:
     [
         grid(SQUARE, quad=[[0, 1, 2, 3]]),
         grid(SQUARE, line=[[0, 1]]),
-        grid(SQUARE, triangle=FANS),  # of three nodes
+        grid(SQUARE, triangle=FANS),  # a square
         fans(CRACK, [*FANS[:3], [3, 6, 5]]),
         fans([[*p[:2], p[0]] for p in SQUARE], FANS),  # off the plane
         fans([[np.nan, 0, 0], *SQUARE[1:]], FANS),

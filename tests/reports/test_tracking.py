@@ -132,7 +132,7 @@ def test_a_lost_press_is_excused_only_in_an_excused_interval():
 def test_a_fault_without_a_message_is_reported():
     fault = Fault("hum", NO_FAULT.apply, Stage.SIGNAL, "hum")
     summary = summarise(PRESS)
-    assert judge_summaries(make_clean(), summary, fault=fault).unsaid == ["hum"]
+    assert judge_summaries(make_clean(), summary, fault=fault).unreported == ["hum"]
     said = judge_summaries(make_clean(), summary, message="Hum of 50 Hz", fault=fault)
     assert said.is_good
 

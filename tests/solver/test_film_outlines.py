@@ -14,6 +14,7 @@ from pvdf_fem.mesh.symmetry import find_symmetry_sector
 from pvdf_fem.problem.equivalence import compute_mechanical_key
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import is_within
+from pvdf_fem.view.files.mesh_files import write_mesh
 from tests.helpers.refusals import keys, refused
 
 #: Films of each shape on which the four electrodes fit.
@@ -141,3 +142,15 @@ def test_every_shape_has_balanced_forces(shape, bends):
 def test_a_response_of_another_shape_is_refused_by_key():
     with pytest.raises((SceneError, ValueError), match=r"film\.shape"):
         build_response(make_scene("square"))
+
+
+@pytest.mark.parametrize("shape", FILMS)
+def test_a_mesh_file_of_every_film_is_read_again(shape, tmp_path):
+    scene = make_scene(shape, **{"numerics.tolerance": 1e-2})
+    solution = solve(scene)
+    for ending in ("msh", "inp"):
+        path = tmp_path / f"film.{ending}"
+        write_mesh(solution.mesh, path)
+        again = solve(scene, mesh=path)
+        assert again.charges_pC == pytest.approx(solution.charges_pC, rel=5e-3)
+        assert again.mesh.nelements == solution.mesh.nelements

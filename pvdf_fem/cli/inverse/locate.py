@@ -238,7 +238,7 @@ def _rank_probe_matches(scenes: Mapping[str, Scene], request: Request) -> tuple[
     file, sensor = next(iter(scenes.items()))
     arguments: dict[str, Any] = {
         "sigma": request.sigma,
-        "noise_pC": request.noise_pC(sensor),
+        "noise_pC": request.convert_noise_to_pC(sensor),
         "unknown": request.unknown,
         "reading": request.reading,
         "include_calibration": request.include_calibration,
@@ -258,7 +258,7 @@ def _rank_probe_matches(scenes: Mapping[str, Scene], request: Request) -> tuple[
         for name, value in get_scene_quantities(sensor).items()
         if name not in request.unknown
     }
-    require_locatable(scenes, request, request.readings_pC(sensor), known)
+    require_locatable(scenes, request, request.convert_readings_to_pC(sensor), known)
     # build all responses first, so that no build can fail after a search
     responses = {
         name: load_or_build_response(
@@ -267,7 +267,7 @@ def _rank_probe_matches(scenes: Mapping[str, Scene], request: Request) -> tuple[
         for name, scene in scenes.items()
     }
     request = _settle_unit(request, responses[file], known)
-    arguments |= {"unit": request.unit, "noise_pC": request.noise_pC(sensor)}
+    arguments |= {"unit": request.unit, "noise_pC": request.convert_noise_to_pC(sensor)}
     locations = {
         name: locate(response, request.readings, known=known, **arguments)
         for name, response in responses.items()

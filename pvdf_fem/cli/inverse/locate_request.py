@@ -112,11 +112,21 @@ class Request:
         """Whether full solves are needed: for two touches, or unknowns that responses lack."""
         return needs_solves(self.touches, self.unknown)
 
-    def readings_pC(self, scene: Scene) -> dict[str, float]:
-        """Convert the readings from `unit` to nominal pC, and return them by electrode.
+    def convert_readings_to_pC(self, scene: Scene) -> dict[str, float]:
+        """Convert the readings from `unit` to nominal pC, without a correction of gain and offset.
 
-        Nominal pC are V times the nominal capacitance of the channel in pF, before the correction
-        of gain and offset. Readings of electrodes that the scene does not have are not converted.
+        Nominal pC are V times the nominal capacitance of the channel in pF. Readings of electrodes
+        that the scene does not have are not converted.
+
+        Parameters
+        ----------
+        scene : Scene
+            Scene of the sensor.
+
+        Returns
+        -------
+        dict of str to float
+            Readings by electrode.
         """
         from pvdf_fem.electrodes.channel import get_reading_unit
         from pvdf_fem.inverse.touch.measurement import get_units_pC
@@ -124,11 +134,18 @@ class Request:
         units = get_units_pC(scene, self.unit or get_reading_unit(scene))
         return {name: units.get(name, 1.0) * value for name, value in self.readings.items()}
 
-    def noise_pC(self, scene: Scene) -> dict[str, float] | None:
-        """Convert `noise` from `unit` to nominal pC, and return it by electrode of the scene.
+    def convert_noise_to_pC(self, scene: Scene) -> dict[str, float] | None:
+        """Convert `noise` from `unit` to nominal pC: to V times the nominal capacitance in pF.
 
-        Nominal pC are V times the nominal capacitance of the channel in pF. The result is None if
-        `noise` is None, so that the noise of the scene's readout is used.
+        Parameters
+        ----------
+        scene : Scene
+            Scene of the sensor.
+
+        Returns
+        -------
+        dict of str to float, or None
+            Noise by electrode. None if `noise` is None, so that the scene's readout gives it.
         """
         from pvdf_fem.electrodes.channel import get_reading_unit
         from pvdf_fem.inverse.touch.measurement import get_units_pC
@@ -215,7 +232,9 @@ def require_locatable(
 
     errors: list[str] = []
     for scene in scenes.values():
-        errors += find_reading_errors(scene, readings_pC, request.sigma, request.noise_pC(scene))
+        errors += find_reading_errors(
+            scene, readings_pC, request.sigma, request.convert_noise_to_pC(scene)
+        )
         errors += find_unit_errors(scene, request.unit, "--unit")
     for file, scene in scenes.items():
         errors += request.response.find_errors(scene, file)
@@ -280,6 +299,15 @@ def _parse_readings(option: str, text: str, errors: list[str]) -> dict[str, floa
 
     For each item that is invalid or repeats a name, a message is appended to `errors` and the item
     is left out.
+
+    Parameters
+    ----------
+    option : str
+        Name of the option, for messages.
+    text : str
+        Value of the option.
+    errors : list of str
+        Receives the messages.
     """
     readings: dict[str, float] = {}
     for item in text.split(","):

@@ -258,7 +258,7 @@ class _RowLocator:
             self.response,
             {name: numbers[name] for name in self.electrodes},
             self.request.sigma,
-            noise_pC=self.request.noise_pC(self.scene),
+            noise_pC=self.request.convert_noise_to_pC(self.scene),
             reading=self.request.reading,
             unit=self.unit,
             limits=self.limits,

@@ -91,7 +91,17 @@ def make_recording_options(
 
 
 def _parse_channels(text: str, electrodes: list[str], errors: list[str]) -> dict[str, str]:
-    """Parse the value of ``--channels``; append a message for each error."""
+    """Parse the value of ``--channels``; append a message for each error.
+
+    Parameters
+    ----------
+    text : str
+        Value of the option.
+    electrodes : list of str
+        Names of the electrodes.
+    errors : list of str
+        Receives the messages.
+    """
     from pvdf_fem.readings.loggers.channel_choice import TIME_KEYS, parse_channel_choice
 
     try:
@@ -107,7 +117,17 @@ def _parse_channels(text: str, electrodes: list[str], errors: list[str]) -> dict
 
 
 def _parse_number(option: str, text: str, errors: list[str]) -> float:
-    """Parse a number that is not zero; append a message and return NaN if it is not one."""
+    """Parse a number that is not zero; append a message and return NaN if it is not one.
+
+    Parameters
+    ----------
+    option : str
+        Name of the option, for the message.
+    text : str
+        Value of the option.
+    errors : list of str
+        Receives the message.
+    """
     value = read_number(text)
     if not value or not math.isfinite(value):
         errors.append(f"{option} {text}: is not a number above zero; correct it")
@@ -116,7 +136,17 @@ def _parse_number(option: str, text: str, errors: list[str]) -> float:
 
 
 def _parse_count(option: str, text: str, errors: list[str]) -> int:
-    """Parse a whole number above zero; append a message and return 1 if it is not one."""
+    """Parse a whole number above zero; append a message and return 1 if it is not one.
+
+    Parameters
+    ----------
+    option : str
+        Name of the option, for the message.
+    text : str
+        Value of the option.
+    errors : list of str
+        Receives the message.
+    """
     if text.isdecimal() and int(text) > 0:
         return int(text)
     errors.append(f"{option} {text}: is not a whole number above zero; correct it")

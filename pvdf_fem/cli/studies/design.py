@@ -195,8 +195,8 @@ def _write_designs(data: xarray.Dataset, options: argparse.Namespace) -> None:
     Without these options, nothing is written.
     """
     from pvdf_fem.studies.design import find_best_design, make_table
-    from pvdf_fem.studies.sweep_dataset import write_netcdf
     from pvdf_fem.view.charts.design import draw_designs
+    from pvdf_fem.view.files.netcdf import write_netcdf
 
     table = make_table(data)
     if options.json:

@@ -205,7 +205,8 @@ def _solve_planned_scenes(
     """
     from pvdf_fem.batch.batch import solve_planned
     from pvdf_fem.progress import show_progress
-    from pvdf_fem.studies.sweep_dataset import make_sweep_dataset, write_netcdf
+    from pvdf_fem.studies.sweep_dataset import make_sweep_dataset
+    from pvdf_fem.view.files.netcdf import write_netcdf
 
     with show_progress("scenes", False if options.quiet else options.progress) as progress:
         records = solve_planned(

@@ -94,6 +94,15 @@ class Law:
         The real stress is itself a complex-step derivative of the energy, so that its derivative
         along the imaginary parts cannot be one, too. It is a central difference, for which the
         strains are changed by up to `step`.
+
+        Parameters
+        ----------
+        strain : ndarray, shape (n, points, 3)
+            Complex Green-Lagrange strain.
+        prestrain : ndarray
+            Real or complex prestrain.
+        step : float, optional
+            Largest change of a strain.
         """
         stress = self.stress(strain.real, prestrain.real)
         strain_change = strain.imag

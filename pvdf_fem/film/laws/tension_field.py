@@ -222,5 +222,13 @@ def _is_nowhere_compressive(stress: Array) -> Mask:
 
 
 def _contract_tensors(a: Array, b: Array, matrix: Array) -> Array:
-    """Return a : matrix : b of tensors in Voigt order, shape (...)."""
+    """Return a : matrix : b of tensors in Voigt order, shape (...).
+
+    Parameters
+    ----------
+    a, b : ndarray, shape (..., 3)
+        Tensors in Voigt order.
+    matrix : ndarray, shape (..., 3, 3)
+        Matrix of a tensor of fourth order.
+    """
     return np.asarray(((a @ matrix) * b).sum(axis=-1))

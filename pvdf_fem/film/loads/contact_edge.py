@@ -161,7 +161,17 @@ def _find_contact_widths(tip: RigidTip, state: State, rays: _Rays, width: float)
 
 
 def _interpolate_displacement(tip: RigidTip, state: State, points: Array) -> Array:
-    """Interpolate the film's displacement in m, shape (n, 3), at points, shape (n, 2)."""
+    """Interpolate the film's displacement in m, shape (n, 3), at points, shape (n, 2).
+
+    Parameters
+    ----------
+    tip : RigidTip
+        The tip, for its finite-element space.
+    state : State
+        State of the film.
+    points : ndarray, shape (n, 2)
+        Points of the undeformed film in m.
+    """
     nodal = state.dofs.reshape(-1, 3)[: tip.space.basis.N]
     return np.asarray(tip.space.interpolation_matrix(points.T) @ nodal)
 
@@ -170,6 +180,15 @@ def _compute_gaps(tip: RigidTip, state: State, points: Array) -> _Gaps:
     """Compute the gaps between a tip and the displaced film.
 
     `points` are points of the undeformed film in m, shape (..., 2).
+
+    Parameters
+    ----------
+    tip : RigidTip
+        The tip.
+    state : State
+        State of the film.
+    points : ndarray, shape (..., 2)
+        Points of the undeformed film in m.
     """
     flat = points.reshape(-1, 2)
     displacement = _interpolate_displacement(tip, state, flat)

@@ -8,44 +8,23 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable
-from functools import cache, lru_cache
-from hashlib import sha256
+from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from pkgutil import resolve_name
-from tempfile import TemporaryDirectory
-from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import shapely
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.files import FileError, read_bytes
 from pvdf_fem.film.loads.load_spec import LoadSpec, Pressure, format_function_name
+from pvdf_fem.film.loads.profile_files import read_profile
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import average_over, rotate
 from pvdf_fem.scene.placed.probe import find_load_key
 from pvdf_fem.scene.registry import DIGEST_MARK, PROFILE_ENTRIES
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import format_error
-
-#: A pressure at points of shape (..., 2) in mm in the probe's own axes, shape (...).
-GridFunction: TypeAlias = Callable[[Array], Array]
-
-
-class _ProfileFile(NamedTuple):
-    """The content of a profile file."""
-
-    digest: str  # SHA-256 of the bytes
-    pressure: GridFunction  # interpolates the table in the file
-
-
-class _GridTable(NamedTuple):
-    """A table of a pressure on a rectangular grid."""
-
-    x_mm: Array  # increasing, shape (n,)
-    y_mm: Array  # increasing, shape (m,)
-    pressure: Array  # in any unit, shape (n, m)
 
 
 class Profile(ABC):
@@ -164,7 +143,7 @@ class CallableProfile(Profile):
             reason = f"returns shape {values.shape} at x_mm, y_mm of shape {x.shape}"
             raise self.make_error(f"{reason}; return a value for each point, or one for all")
         if not (np.isfinite(values).all() and values.min(initial=0.0) >= 0.0):
-            raise self.make_error("is negative or not finite under the probe; change it")
+            raise self.make_error("is negative, missing or not finite under the probe; change it")
         return np.broadcast_to(values.astype(float), x.shape).reshape(points.shape[:-1])
 
 
@@ -172,7 +151,7 @@ class TableProfile(CallableProfile):
     """A table of pressures on a grid in a file: interpolated bilinearly, zero outside the grid."""
 
     def __init__(self, spec: LoadSpec) -> None:
-        pressure = _read_profile(spec.load.profile).pressure
+        pressure = read_profile(spec.load.profile).pressure
         super().__init__(spec, lambda x, y: pressure(np.stack([x, y], axis=-1)))
         path, _, _ = spec.load.profile.partition(DIGEST_MARK)
         self.source = "load.profile", Path(path).name
@@ -217,7 +196,7 @@ def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
 
     @cache
     def pin(profile: str) -> str:
-        return f"{os.path.abspath(profile)}{DIGEST_MARK}{_read_profile(profile).digest}"
+        return f"{os.path.abspath(profile)}{DIGEST_MARK}{read_profile(profile).digest}"
 
     pinned_scenes = []
     for scene in scenes:
@@ -228,75 +207,3 @@ def pin_profile_files(scenes: Iterable[Scene]) -> list[Scene]:
                 changes[find_load_key(probe.key, probe.probe, "profile")] = pin(profile)
         pinned_scenes.append(scene.with_(**changes) if changes else scene)
     return pinned_scenes
-
-
-def _read_profile(profile: str, max_bytes: int = 20_000_000) -> _ProfileFile:
-    """Read a profile file, and check its content against the digest in `profile`, if any.
-
-    A `SceneError` is raised if the file cannot be used or has another digest.
-    """
-    name, _, wanted_digest = profile.partition(DIGEST_MARK)
-    try:
-        content = read_bytes(Path(name), max_bytes, "a pressure profile")
-        digest = sha256(content).hexdigest()
-        if wanted_digest not in ("", digest):
-            reason = "has changed since the scene was made (its digest differs)"
-            raise FileError(f"{name}: {reason}; restore the file, or name it without {DIGEST_MARK}")
-        return _ProfileFile(digest, _interpolate_table(name, content))
-    except (FileError, KeyError, OSError, ValueError) as error:
-        advice = "give x_mm, y_mm and pressure on a grid with increasing coordinates"
-        reason = f"cannot be used ({error}); {advice}"
-        raise SceneError([format_error("load.profile", profile, reason)]) from None
-
-
-@lru_cache(maxsize=8)
-def _interpolate_table(name: str, content: bytes) -> GridFunction:
-    """Return a function that interpolates the table in a file, and is zero outside the grid.
-
-    `content` is read as netCDF if `name` ends with .nc, and otherwise as CSV.
-    """
-    from scipy.interpolate import RegularGridInterpolator  # slow to import
-
-    table = _read_netcdf(name, content) if name.endswith(".nc") else _read_csv(name, content)
-    axes = table.x_mm, table.y_mm
-    return RegularGridInterpolator(axes, table.pressure, bounds_error=False, fill_value=0.0)
-
-
-def _read_netcdf(name: str, content: bytes) -> _GridTable:
-    """Read the variable `pressure` with the coordinates `x_mm` and `y_mm` from netCDF data."""
-    import xarray  # slow to import
-
-    with TemporaryDirectory() as folder:  # not every engine of xarray reads bytes
-        copy = Path(folder) / Path(name).name
-        copy.write_bytes(content)
-        with xarray.open_dataset(copy) as data:
-            pressure = data["pressure"].transpose("x_mm", "y_mm")
-            return _GridTable(data["x_mm"].values, data["y_mm"].values, pressure.values)
-
-
-def _read_csv(name: str, content: bytes) -> _GridTable:
-    """Read the columns x_mm, y_mm and pressure; the rows may be in any order.
-
-    Raises `ValueError` unless the rows have one finite pressure for every point of a grid.
-    """
-    # Few scenes have a profile in a file.
-    from pvdf_fem.readings.formats import parse_csv
-    from pvdf_fem.readings.selection import NumberColumns, choose_column, choose_quantity
-    from pvdf_fem.readings.text.header import make_name_test
-
-    table = parse_csv(content, name, make_name_test(["x_mm", "y_mm", "pressure"]))
-    columns = [choose_quantity(table, "x_mm"), choose_quantity(table, "y_mm")]
-    columns.append(choose_column(table, "pressure"))
-    chosen = [column for column in columns if column is not None]
-    if len(chosen) < len(columns):
-        raise ValueError("x_mm, y_mm or pressure is missing from the columns")
-    numbers = NumberColumns(table, chosen)
-    rows = [numbers.read(row) for batch in table.batches for row in batch]
-    x, y, values = np.array(rows).reshape(len(rows), len(chosen)).T
-    grid_x, row_i = np.unique(x, return_inverse=True)
-    grid_y, row_j = np.unique(y, return_inverse=True)
-    pressure = np.full((len(grid_x), len(grid_y)), np.nan)
-    pressure[row_i, row_j] = values
-    if not np.isfinite(pressure).all() or pressure.size != len(rows):
-        raise ValueError("the points do not form a grid with one finite pressure at each")
-    return _GridTable(grid_x, grid_y, pressure)

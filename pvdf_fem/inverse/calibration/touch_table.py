@@ -295,15 +295,16 @@ def _find_load_errors(table: TouchTable, scene: Scene) -> Iterator[str]:
     if 2 * len(outside) > len(table) and np.median(distances_mm) > MICROMETRE_RADII * reach_mm:
         distance = f"{np.median(distances_mm):.3g} mm from the centre"
         film = f"of the film ({scene.film.describe_outline()})"
-        yield f"columns x_mm, y_mm: positions {distance} {film} look like µm, give mm"
+        yield f"columns x_mm, y_mm: positions {distance} {film} look like µm; give mm"
     elif not outside and 0.0 < distances_mm.max() < METRE_RADII * reach_mm:
         distance = f"within {distances_mm.max():.2g} mm of the centre"
-        yield f"columns x_mm, y_mm: positions {distance} look like m, give mm"
+        yield f"columns x_mm, y_mm: positions {distance} look like m; give mm"
     else:
         for index in outside:
             x_mm, y_mm = places_mm[index]
             position = f"x_mm, y_mm = {x_mm:g}, {y_mm:g}"
-            yield f"row {table.rows[index]}: {position}: the probe extends over the film's rim"
+            reason = "the probe extends over the film's rim"
+            yield f"row {table.rows[index]}: {position}: {reason}; correct the position"
 
 
 def place_probe(scene: Scene, probe_load: Array) -> Scene | None:

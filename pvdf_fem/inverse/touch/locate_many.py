@@ -339,8 +339,9 @@ def _read_columns(
         names = tuple(response.names)
         rows = _convert_values_to_floats(readings, "readings")
         if rows.ndim != 2 or rows.shape[1] != len(names):
-            reason = f"must be (rows, {len(names)}), a column for each electrode"
-            raise ValueError(f"readings of shape {rows.shape}: {reason}")
+            reason = f"must be (rows, {len(names)})"
+            advice = f"give a column for each of {', '.join(names)}"
+            raise ValueError(f"readings of shape {rows.shape}: {reason}; {advice}")
         return _ReadingColumns(names, rows)
     by_name: Any = readings  # a mapping or a DataFrame, which has keys, too
     columns = {
@@ -361,7 +362,20 @@ def _order_limits(limits: Mapping[str, tuple[float, float]], names: Sequence[str
 
 
 def _join_names(names: Sequence[str], is_named: Mask) -> list[str]:
-    """Return for each row the names that `is_named`, of shape (n, names), marks, with spaces."""
+    """Join the names that are marked in each row of a mask, with spaces between them.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The names.
+    is_named : ndarray of bool, shape (n, names)
+        The mask.
+
+    Returns
+    -------
+    list of str
+        A text for each row.
+    """
     texts = [""] * len(is_named)
     for row in np.flatnonzero(is_named.any(axis=1)).tolist():
         texts[row] = " ".join(np.array(names)[is_named[row]].tolist())

@@ -322,7 +322,8 @@ class Location(Result):
             if name.endswith("x_mm") and f"{name.removesuffix('x_mm')}y_mm" in self.unknown:
                 x_keys.append(name)
         if not self.touches or not x_keys:
-            raise ValueError("plot: needs a touch whose x_mm and y_mm were unknown")
+            reason = "plot: needs a touch with unknown x_mm and y_mm"
+            raise ValueError(f"{reason}; locate one without fixing its position")
         response = self.problem.response
         reach_mm = response.domain.reach_mm
         touches = self.to_json()["touches"]

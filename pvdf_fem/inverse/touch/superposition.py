@@ -301,7 +301,7 @@ def find_superposed_candidates(
     amplitudes = superpositions.amplitudes[chosen]
     coordinates = np.tile(problem.to_coordinates(scene_touch[None]), (len(chosen), 1))
     candidates = coordinates.copy()
-    probes = problem.view_by_probe(candidates)
+    probes = problem.view_by_probe(candidates)  # a view: `candidates` is changed through it
     stage = response.scene.stage or Stage()
     probes[..., POSITION] = superpositions.positions_mm[chosen] @ stage.rotation.T
     log_stiffening = STIFFENING * np.log(amplitudes.sum(axis=1))

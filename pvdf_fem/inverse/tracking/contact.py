@@ -11,7 +11,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.inverse.tracking.charges.charge_record import ChargeRecord
-from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
+from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample, ChargeValues
 from pvdf_fem.inverse.tracking.charges.touch_record import TouchRecord
 from pvdf_fem.inverse.tracking.problem.contact_problem import (
     CandidateTouches,
@@ -68,14 +68,14 @@ class ContactLocator:
         self._near: Array | None = None  # Coordinates that were found last, shape (n, 4).
         self._next_attempt = float(self.options.min_location_samples)
 
-    def update(self, record: ChargeRecord, sample: ChargeSample, step_s: float) -> None:
+    def update(self, record: ChargeRecord, sample: ChargeValues, step_s: float) -> None:
         """Update position, force and impulse with the newest sample of a contact.
 
         Parameters
         ----------
         record : ChargeRecord
             All samples of the contact, including the newest.
-        sample : ChargeSample
+        sample : ChargeValues
             The newest sample.
         step_s : float
             Time since the previous sample.
@@ -83,7 +83,7 @@ class ContactLocator:
         if len(record) >= self._next_attempt:
             self._try_to_locate(record)
         if self._curve is not None:
-            guess = self.coordinates[TouchColumn.FORCE]
+            guess = float(self.coordinates[TouchColumn.FORCE])
             fitted = self._curve.fit(sample, guess)
             self.chi_square = fitted.chi_square
             self._chi_square_sum += min(fitted.chi_square, MAX_CHI_SQUARE)
@@ -98,6 +98,8 @@ class ContactLocator:
         if peak.significance <= self.options.min_significance:
             return
         self._next_attempt = (1.0 + self.options.relocation_growth) * len(record)
+        if self.candidates is not None and peak.has_same_charges(self.candidates.sample):
+            return  # The peak has passed, so that the touch would be the same.
         found = self.problem.search(peak, self._near)
         candidates = None
         if found is not None:
@@ -236,7 +238,7 @@ class Contact:
         self.options = problem.options
         self.detected_at_s = detected_at_s
         self.baseline = baseline
-        self.is_settled = is_settled
+        self.is_settled: list[bool] = is_settled.tolist()
         self._capacitances = circuit.capacitance.tolist()
         self._conductances = circuit.conductance.tolist()
         self._noise_V = [channel.noise_V for channel in baseline]
@@ -273,8 +275,10 @@ class Contact:
         above_line = []
         is_clipped = []
         drift_pC = []
-        for number, channel in enumerate(self.baseline):
-            if not self.is_settled[number]:
+        for number, (channel, is_settled) in enumerate(
+            zip(self.baseline, self.is_settled, strict=True)
+        ):
+            if not is_settled:
                 above_line.append(math.nan)
                 is_clipped.append(False)
                 drift_pC.append(0.0)
@@ -341,9 +345,11 @@ class Contact:
         The charges of the other channels have fallen below `TrackOptions.max_clipped_fraction` of
         the largest. They are compared at every eighth sample only, see `STEP_CHECK_SAMPLES`.
         """
+        if len(self.record) % STEP_CHECK_SAMPLES:
+            return None
         last = self.record.last
         largest = self.record.largest
-        if len(self.record) % STEP_CHECK_SAMPLES or last is None or largest is None:
+        if last is None or largest is None:
             return None
         is_clipped = last.is_clipped
         others = ~is_clipped & last.is_measured

@@ -30,6 +30,9 @@ class ResultBuilder:
         self._problem = problem
         self._names = names
         self._rotation_period_deg = find_rotation_period_deg(problem.response)
+        #: Candidates of the last row, and a row with their place.
+        self._located: CandidateTouches | None = None
+        self._located_row = TrackRow(math.nan, TrackStatus.TOUCH)
 
     def summarise_touch(
         self, touch: EndedTouch, contact: Contact, *, number: int, status: TrackStatus | None
@@ -161,11 +164,12 @@ class ResultBuilder:
         missing, clipped : str
             Names of the channels without a reading, and of clipped ones, in this sample.
         """
-        problem = self._problem
-        x_mm, y_mm, rotation_deg = candidates.likeliest_pose
-        force_N = math.exp(coordinates[TouchColumn.FORCE])
-        x_deviation, y_deviation, rotation_deviation, log_deviation = candidates.deviations.tolist()
-        lowest_N, highest_N = problem.response.domain.force_N
+        if candidates is not self._located:
+            self._located = candidates
+            self._located_row = self._make_located_row(candidates)
+        log_force = float(coordinates[TouchColumn.FORCE])
+        force_N = math.exp(log_force)
+        lowest_N, highest_N = self._problem.response.domain.force_N
         if not candidates.is_explained:
             status = TrackStatus.UNEXPLAINED
         elif force_N < lowest_N:
@@ -175,22 +179,32 @@ class ResultBuilder:
         else:
             status = TrackStatus.TOUCH
         # A force at the upper end of the extrapolated range is unknown.
-        if coordinates[TouchColumn.FORCE] >= problem.log_force_range[1]:
+        if log_force >= self._problem.log_force_range[1]:
             force_N = math.nan
-        return TrackRow(
-            time_s,
-            status,
+        log_deviation = float(candidates.deviations[TouchColumn.FORCE])
+        return self._located_row.copy_with(
+            t_s=time_s,
+            status=status,
             touch=number,
+            force_N=force_N,
+            force_deviation_N=log_deviation * force_N,
+            chi_square=chi_square,
+            missing=missing,
+            clipped=clipped,
+        )
+
+    def _make_located_row(self, candidates: CandidateTouches) -> TrackRow:
+        """Make a row with the place of the likeliest candidate, which many samples share."""
+        x_mm, y_mm, rotation_deg = candidates.likeliest_pose
+        x_deviation, y_deviation, rotation_deviation, _ = candidates.deviations.tolist()
+        return TrackRow(
+            candidates.sample.time_s,
+            TrackStatus.TOUCH,
             x_mm=x_mm,
             y_mm=y_mm,
-            force_N=force_N,
             rotation_deg=rotation_deg % self._rotation_period_deg,
             x_deviation_mm=x_deviation,
             y_deviation_mm=y_deviation,
-            force_deviation_N=log_deviation * force_N,
             rotation_deviation_deg=rotation_deviation,
-            chi_square=chi_square,
             alternatives=len(candidates),
-            missing=missing,
-            clipped=clipped,
         )

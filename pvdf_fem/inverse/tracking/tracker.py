@@ -385,9 +385,11 @@ class Tracker:
         if frozen is not None:
             filters[frozen].reject_limit()
             contact.exclude_channel(frozen)
-        for number, channel in enumerate(self._baseline.channels):
-            is_frozen = filters[number].validity is Validity.FROZEN
-            if contact.is_settled[number] and (is_frozen or not channel.is_settled):
+        for number, (channel, channel_filter) in enumerate(
+            zip(self._baseline.channels, filters, strict=True)
+        ):
+            is_frozen = channel_filter.validity is Validity.FROZEN
+            if (is_frozen or not channel.is_settled) and contact.is_settled[number]:
                 contact.exclude_channel(number)
 
     def _cut_contact_off(self, contact: Contact, status: TrackStatus | None = None) -> None:

@@ -19,8 +19,8 @@ def parse_channel_choice(text: str) -> dict[str, str]:
     Parameters
     ----------
     text : str
-        Such as ``A=Group/ai0,B=Group/ai1``. The names ``t_s``, ``t_ms``, ``t_us`` and ``t_ns``
-        are those of times. A comma in an address is part of it unless a name and ``=`` follow.
+        The choice, such as ``A=Group/ai0,B=Group/ai1``. The names ``t_s``, ``t_ms``, ``t_us`` and
+        ``t_ns`` are those of times. A comma is part of an address unless a name and ``=`` follow.
 
     Raises
     ------
@@ -32,7 +32,7 @@ def parse_channel_choice(text: str) -> dict[str, str]:
     for part in text.split(","):
         key, separator, address = part.partition("=")
         if not separator and not name:
-            raise ValueError(f"{part[:40]!r} has no =; give such as A=Group/ai0,B=Group/ai1")
+            raise ValueError(f"{part[:40]!r} has no =; write it like A=Group/ai0,B=Group/ai1")
         if not separator:
             choice[name] += f",{part}"
             continue
@@ -48,10 +48,10 @@ def choose_channels(
 ) -> dict[str, LoggerChannel]:
     """Return the channels with the readings of electrodes.
 
-    Without a choice these are the channels with the names of the electrodes. With a choice for some
-    electrodes, the others have the channels with their names in the same groups. Channels without
-    names, such as those of a sound file, are taken in the order of the electrodes if there are as
-    many of them; a note of the reader says so.
+    An electrode that the choice does not mention has the channel with its own name. If the choice
+    mentions others, that channel must be in the same group as theirs. Channels without names, such
+    as those of a sound file, are assigned in the order of the electrodes if there are as many of
+    them; a note of the reader says so.
 
     Parameters
     ----------
@@ -70,56 +70,79 @@ def choose_channels(
     Raises
     ------
     FileError
-        If no electrode has a channel, or a name is missing or that of several channels.
+        If no electrode has a channel, or if a chosen name is that of no channel or of several.
     """
-    channels = reader.list_channels()
-    chosen: dict[str, LoggerChannel] = {}
     if choice:
-        found = {name: find_channel(reader, choice[name]) for name in electrodes if name in choice}
-        groups = {channel.group for channel in found.values()}
-        for electrode in electrodes:
-            alike = [
-                each for each in channels if each.group in groups and _has_name(each, electrode)
-            ]
-            if electrode in found:
-                chosen[electrode] = found[electrode]
-            elif len(alike) == 1:
-                chosen[electrode] = alike[0]
+        chosen = _choose_by_address(reader, electrodes, choice)
     else:
-        for electrode in electrodes:
-            if has_channel(reader, electrode):
-                chosen[electrode] = find_channel(reader, electrode)
+        chosen = _choose_by_name(reader, electrodes)
     if not chosen:
-        chosen = _choose_by_number(reader, channels, electrodes)
+        chosen = _choose_by_number(reader, electrodes)
     if not chosen:
         names = ", ".join(electrodes)
+        channels = reader.list_channels()
         raise FileError(
-            f"{reader.path}: has no channels named {names}; {_list_channels(channels)}; "
-            f"give such as --channels {_suggest_choice(channels, electrodes)}"
+            f"{reader.path}: has no channels named {names}; {_list_channels(channels)}; choose "
+            f"some, for example by --channels {_suggest_choice(channels, electrodes)}"
         )
     return chosen
 
 
+def _choose_by_address(
+    reader: LoggerReader, electrodes: Sequence[str], choice: Mapping[str, str]
+) -> dict[str, LoggerChannel]:
+    """Return the chosen channels, and those of the other electrodes in the same groups by name.
+
+    The parameters are those of `choose_channels`.
+    """
+    named = {name: find_channel(reader, choice[name]) for name in electrodes if name in choice}
+    groups = {channel.group for channel in named.values()}
+    in_groups = [channel for channel in reader.list_channels() if channel.group in groups]
+    chosen: dict[str, LoggerChannel] = {}
+    for electrode in electrodes:
+        with_name = [channel for channel in in_groups if _has_name(channel, electrode)]
+        if electrode in named:
+            chosen[electrode] = named[electrode]
+        elif len(with_name) == 1:
+            chosen[electrode] = with_name[0]
+    return chosen
+
+
+def _choose_by_name(reader: LoggerReader, electrodes: Sequence[str]) -> dict[str, LoggerChannel]:
+    """Return the channels with the names of electrodes, for those that have one."""
+    named = [electrode for electrode in electrodes if has_channel(reader, electrode)]
+    return {electrode: find_channel(reader, electrode) for electrode in named}
+
+
 def find_channel(reader: LoggerReader, address: str) -> LoggerChannel:
-    """Return the channel with an address, or with a name if it is the only one.
+    """Return the channel with an address, or else the only one that the address may mean.
+
+    Parameters
+    ----------
+    reader : LoggerReader
+        The reader of the file.
+    address : str
+        Address of the channel, its name, or the end of the address.
 
     Raises
     ------
     FileError
-        If there is none, or there are several.
+        If no channel has this address, or if it may mean several channels.
     """
     channels = reader.list_channels()
-    found = [channel for channel in channels if channel.address == address]
-    found = found or [channel for channel in channels if _has_name(channel, address)]
-    if len(found) > 1 or not found:
-        ending = f"/{address}"
-        exact = [channel for channel in channels if channel.address.endswith(ending)]
-        found = exact or found
+    with_address = [channel for channel in channels if channel.address == address]
+    with_name = [channel for channel in channels if _has_name(channel, address)]
+    with_ending = [channel for channel in channels if channel.address.endswith(f"/{address}")]
+    found = with_address or with_name
+    if len(found) != 1:
+        found = with_ending or found
     if len(found) == 1:
         return found[0]
     if found:
         places = ", ".join(channel.address for channel in found[:MAX_LISTED])
-        advice = f"choose one by --channels, such as {address}={found[0].address}"
+        advice = (
+            f"choose one by its address, for example by --channels {address}={found[0].address}"
+        )
         raise FileError(f"{reader.path}: has several channels {address}: {places}; {advice}")
     raise FileError(f"{reader.path}: has no channel {address}; {_list_channels(channels)}")
 
@@ -136,17 +159,18 @@ def _has_name(channel: LoggerChannel, name: str) -> bool:
     return name.casefold() in [candidate.casefold() for candidate in names]
 
 
-def _choose_by_number(
-    reader: LoggerReader, channels: Sequence[LoggerChannel], electrodes: Sequence[str]
-) -> dict[str, LoggerChannel]:
-    """Return channels in the order of electrodes if they have numbers instead of names."""
-    numbered = [channel for channel in channels if channel.column.name.isdecimal()]
+def _choose_by_number(reader: LoggerReader, electrodes: Sequence[str]) -> dict[str, LoggerChannel]:
+    """Return the channels in the order of the electrodes if they have numbers instead of names.
+
+    The result is empty if there are more or fewer such channels than electrodes, or several groups.
+    """
+    numbered = [channel for channel in reader.list_channels() if channel.column.name.isdecimal()]
     groups = {channel.group for channel in numbered}
     if len(numbered) != len(electrodes) or len(groups) > 1:
         return {}
     chosen = dict(zip(electrodes, numbered, strict=True))
     listed = ", ".join(f"{name}={channel.address}" for name, channel in chosen.items())
-    reader.notes.append(f"its channels have no names; they are taken in order: {listed}")
+    reader.notes.append(f"its channels have no names, and are assigned in order: {listed}")
     return chosen
 
 
@@ -163,7 +187,7 @@ def _list_channels(channels: Sequence[LoggerChannel]) -> str:
 
 
 def _suggest_choice(channels: Sequence[LoggerChannel], electrodes: Sequence[str]) -> str:
-    """Return an example of a choice to type, with channels in the order of the file."""
+    """Return an example of a choice to type: the electrodes with the first channels of the file."""
     candidates = [channel for channel in channels if not channel.is_time]
     pairs = zip(electrodes, candidates, strict=False)
     listed = ",".join(f"{name}={channel.address}" for name, channel in pairs)

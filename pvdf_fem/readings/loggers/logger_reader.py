@@ -21,7 +21,7 @@ BLOCK_SAMPLES = 65_536
 
 
 class RegularClock(NamedTuple):
-    """A clock that samples at a constant rate, as the head of a file describes it."""
+    """A clock with a constant sampling rate, as the header of a file describes it."""
 
     interval_s: float  #: Time between two samples.
     first_s: float = 0.0  #: Time of the first sample, counted from `start`.
@@ -30,12 +30,13 @@ class RegularClock(NamedTuple):
 
 @dataclass(frozen=True)
 class LoggerChannel:
-    """A channel of a logger's file.
+    """A channel in the file of a logger.
 
     Parameters
     ----------
     address : str
-        Names that lead to the channel, separated by slashes, such as ``Group/ai0``.
+        Names of the groups of the channel and of the channel itself, separated by slashes, such as
+        ``Group/ai0``.
     unit : str
         Unit of the samples as the file writes it; empty if it has none.
     clock : RegularClock, optional
@@ -116,9 +117,14 @@ class LoggerReader(ABC):
         """
 
     def find_time_channel(self, channels: Sequence[LoggerChannel]) -> LoggerChannel | None:
-        """Return the channel that has the times of other channels, or None if there is none.
+        """Return the channel with the times of other channels, or None if there is none.
 
-        This is the channel of the same group that is named like a time.
+        It is the first channel in one of their groups that is named like a time.
+
+        Parameters
+        ----------
+        channels : sequence of LoggerChannel
+            Channels with readings.
         """
         groups = {channel.group for channel in channels}
         for candidate in self.list_channels():
@@ -144,3 +150,8 @@ class LoggerReader(ABC):
     def make_error(self, reason: str) -> FileError:
         """Make an error about the file."""
         return FileError(f"{self.path}: {reason}")
+
+    def make_format_error(self, error: Exception) -> FileError:
+        """Make an error about a file that its package cannot read, for the given reason."""
+        reason = f"cannot be read as {self.title} ({error})"
+        return self.make_error(f"{reason}; copy it from the logger or export it again")

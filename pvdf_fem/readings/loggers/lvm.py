@@ -36,13 +36,12 @@ ABSOLUTE_TIME_S = 1e9
 class _Segment:
     """The header of a segment, and the headings of its columns."""
 
-    keys: dict[str, list[str]]
+    keys: dict[str, list[str]]  #: Cells of the lines of the header by their first cells.
     headings: list[str]
-    #: Index of the column of each channel.
-    places: dict[str, int] = field(default_factory=dict)
+    places: dict[str, int] = field(default_factory=dict)  #: Indices of columns by channels.
 
     def get_number(self, key: str, default: float) -> float:
-        """Return the first number in a line of the header."""
+        """Return the first number in the line of the header with a key, or else the default."""
         for cell in self.keys.get(key, []):
             if cell.strip():
                 return float(cell.replace(",", "."))
@@ -82,9 +81,9 @@ class LvmReader(LoggerReader):
 
     @classmethod
     def is_recognised(cls, head: bytes) -> bool:
-        """Return whether a file begins with the name of the format, and goes on with a segment.
+        """Return whether a file begins with the name of the format, followed by a segment.
 
-        A table of another program may follow the header of a file; it is not LVM.
+        A file in which a table of another program follows the header is not LVM.
         """
         text = head.removeprefix(codecs.BOM_UTF8).decode("latin-1")
         if not text.startswith("LabVIEW Measurement"):
@@ -160,12 +159,12 @@ class LvmReader(LoggerReader):
             keys = _read_header(chain([first_line], self.lines), self.separator)
             headings = next(self.lines, "")
         segment = _Segment(keys, [cell.strip() for cell in headings.split(self.separator)])
-        count = int(segment.get_number("Channels", np.inf)) if "Channels" in keys else None
+        count = segment.get_number("Channels", np.inf)
+        no_channels = ["", TIME_ADDRESS]
+        if "Channels" not in keys:
+            no_channels.append("Comment")  # the last column, which the count would exclude
         for place, heading in enumerate(segment.headings):
-            is_full = count is not None and len(segment.places) == count
-            if heading == TIME_ADDRESS:
-                continue
-            if heading and not is_full and not (count is None and heading == "Comment"):
+            if heading not in no_channels and len(segment.places) < count:
                 segment.places.setdefault(heading, place)
         return segment if segment.places else None
 
@@ -176,7 +175,7 @@ class LvmReader(LoggerReader):
         first_row: int,
         addresses: Sequence[str],
     ) -> list[Array]:
-        """Convert rows of texts to a column of numbers for each address.
+        """Convert rows of texts to a column of numbers for each channel.
 
         Parameters
         ----------
@@ -201,7 +200,17 @@ class LvmReader(LoggerReader):
     def _compute_times(self, segment: _Segment, rows: list[list[str]], first_row: int) -> Array:
         """Return the times of rows in s since the start of the file.
 
-        Without a column of times they are X0 + i Delta_X from the time of the segment.
+        Without a column of times, row i of a segment has the time X0 + i Delta_X after the start of
+        the segment.
+
+        Parameters
+        ----------
+        segment : _Segment
+            The segment with the rows.
+        rows : list of list of str
+            Cells of the rows.
+        first_row : int
+            Number of rows of the segment before these.
         """
         delay_s = 0.0
         segment_start = _parse_date(segment.keys)
@@ -223,7 +232,7 @@ class LvmReader(LoggerReader):
 
 
 def _is_text(cell: str) -> bool:
-    """Return whether the first cell of a line is a text, so that the line belongs to a header."""
+    """Return whether a cell is a text; a line that begins with a text belongs to a header."""
     text = cell.strip().replace(",", ".")
     if not text:
         return False
@@ -237,7 +246,7 @@ def _is_text(cell: str) -> bool:
 def _read_lines(stream: BinaryIO) -> Iterator[str]:
     """Yield the lines of a stream that are not blank, without texts of other programs.
 
-    LabVIEW writes the code page of Windows.
+    LabVIEW writes Windows-1252, other programs UTF-8.
     """
     is_skipped = False
     for line in stream:
@@ -269,10 +278,10 @@ def _read_header(lines: Iterator[str], separator: str) -> dict[str, list[str]]:
 
 
 def _parse_date(keys: dict[str, list[str]]) -> datetime | None:
-    """Return the first date and time in a header, or None if it has none or others.
+    """Return the first date and time in a header, or None if it has none that can be read.
 
-    The fraction of a second has more digits than Python reads, and may have a decimal comma where
-    numbers have a point.
+    Python cannot read the fraction of a second, which has too many digits. It may have a decimal
+    comma even if numbers have a point.
     """
     dates = keys.get("Date", [])
     times = keys.get("Time", [])
@@ -288,7 +297,17 @@ def _parse_date(keys: dict[str, list[str]]) -> datetime | None:
 
 
 def _parse_column(rows: list[list[str]], place: int, decimal: str) -> Array:
-    """Return the numbers of a column; NaN for cells that are missing or not numbers."""
+    """Return the numbers of a column; NaN for cells that are missing or not numbers.
+
+    Parameters
+    ----------
+    rows : list of list of str
+        Cells of the rows.
+    place : int
+        Index of the column; -1 if there is none.
+    decimal : str
+        The decimal sign.
+    """
     numbers = np.full(len(rows), np.nan)
     for i, cells in enumerate(rows):
         if 0 <= place < len(cells):

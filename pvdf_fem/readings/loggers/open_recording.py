@@ -76,19 +76,19 @@ def open_recording(
     electrodes : sequence of str
         Names of the sensor's electrodes.
     options : RecordingOptions
-        What the file does not tell.
+        Properties of the recording that the file does not contain.
 
     Returns
     -------
     Recording or None
-        The recording of the electrodes that have a channel; None if the file has none of the
-        formats of `pvdf_fem.readings.loggers.registry.READERS`, such as a table.
+        The recording of the electrodes that have a channel. None if the file is of another format
+        than those of `pvdf_fem.readings.loggers.registry.READERS`, for example a table.
 
     Raises
     ------
     FileError
-        If the file cannot be read, its package is not installed, no channel is found, or the times
-        or the full scale are not known.
+        If the file cannot be read, if the package for its format is not installed, if no channel is
+        found, or if the times or the full scale are unknown.
     """
     reader = open_reader(path, stack)
     if reader is None:
@@ -114,7 +114,7 @@ def open_recording(
     elif options.needs_times and rate_Hz is not None and rate_Hz > HIGH_RATE_HZ:
         count = round(rate_Hz / ADVISED_RATE_HZ)
         reader.notes.append(
-            f"{rate_Hz:g} samples a second take long; --average {count} reads the means of {count}"
+            f"{rate_Hz:g} samples a second take long; --average {count} reads means of {count}"
         )
     columns = tuple(_make_column(reader, name, channel) for name, channel in chosen.items())
     return Recording(
@@ -131,25 +131,53 @@ def open_recording(
 def _find_scales(
     reader: LoggerReader, chosen: Mapping[str, LoggerChannel], options: RecordingOptions
 ) -> Array:
-    """Return the factor of the samples of each channel: its full scale in V, or 1."""
+    """Return the factors of the samples, shape (channels,): the full scales in V, or 1.
+
+    Parameters
+    ----------
+    reader : LoggerReader
+        The reader of the file.
+    chosen : mapping of str to LoggerChannel
+        Channels by electrodes.
+    options : RecordingOptions
+        Full scales by electrodes.
+
+    Raises
+    ------
+    FileError
+        If samples are fractions of the full scale, and the options do not have it.
+    """
     if not reader.has_fractions:
         return np.ones(len(chosen))
     missing = [name for name in chosen if name not in options.full_scale_V]
     if missing:
         reason = f"samples of {reader.title} are fractions of the full scale, which is not given"
-        raise reader.make_error(
-            f"{reason}; give it in V, as by --full-scale 1.0 or readout.full_scale_V"
-        )
+        advice = "give it in V, by readout.full_scale_V or for example by --full-scale 1.0"
+        raise reader.make_error(f"{reason}; {advice}")
     return np.array([options.full_scale_V[name] for name in chosen])
 
 
 def _find_stamps(
     reader: LoggerReader, channels: Sequence[LoggerChannel], options: RecordingOptions
 ) -> LoggerChannel | None:
-    """Return the channel with the stamps of other channels, or None if they have a clock.
+    """Return the channel with the stamps of other channels, or None if a clock gives their times.
 
-    The channel that the options name comes first, then the clock of the file, then the channel
-    that the file has.
+    A channel of times that the options name is preferred. Otherwise the clock of the channels is
+    used if all have one, and else the channel of times that the reader finds.
+
+    Parameters
+    ----------
+    reader : LoggerReader
+        The reader of the file.
+    channels : sequence of LoggerChannel
+        Channels with readings.
+    options : RecordingOptions
+        The channel of times or the rate, if the user has given it.
+
+    Raises
+    ------
+    FileError
+        If times are needed and unknown, or if a rate is given for a file that has times or a rate.
     """
     for key, unit in TIME_KEYS.items():
         if key in options.channels:
@@ -159,7 +187,7 @@ def _find_stamps(
     is_known = stamps is not None or options.rate_Hz is not None or has_clock
     if options.needs_times and not is_known:
         reason = "has neither times nor a rate"
-        raise reader.make_error(f"{reason}; give it by --rate HZ, or times by --channels t_s=NAME")
+        raise reader.make_error(f"{reason}; add --rate HZ, or times by --channels t_s=NAME")
     if options.rate_Hz is not None and (stamps is not None or has_clock):
         raise reader.make_error("has times or a rate of its own; omit --rate")
     return stamps
@@ -168,9 +196,26 @@ def _find_stamps(
 def _find_clock(
     reader: LoggerReader, channels: Sequence[LoggerChannel], options: RecordingOptions
 ) -> RegularClock:
-    """Return the clock that all channels share, or that of the rate in the options.
+    """Return the clock of all channels, by the rate in the options or by the file.
 
-    Its interval is NaN if neither is known.
+    Parameters
+    ----------
+    reader : LoggerReader
+        The reader of the file, for messages.
+    channels : sequence of LoggerChannel
+        Channels with readings.
+    options : RecordingOptions
+        The rate, if the user has given it.
+
+    Returns
+    -------
+    RegularClock
+        Its interval is NaN if the rate is unknown.
+
+    Raises
+    ------
+    FileError
+        If the channels have different rates, or do not begin together.
     """
     if options.rate_Hz is not None:
         return RegularClock(1.0 / options.rate_Hz)
@@ -179,10 +224,10 @@ def _find_clock(
         return RegularClock(math.nan)
     first = clocks[0]
     for channel, clock in zip(channels, clocks, strict=True):
-        same_interval = math.isclose(
+        has_same_interval = math.isclose(
             clock.interval_s, first.interval_s, rel_tol=SAME_INTERVAL, abs_tol=0.0
         )
-        if not same_interval:
+        if not has_same_interval:
             rates = f"{1.0 / first.interval_s:g} and {1.0 / clock.interval_s:g} Hz"
             reason = f"{channels[0].address} and {channel.address} are sampled at {rates}"
             raise reader.make_error(f"{reason}; record all electrodes at the same rate")
@@ -194,7 +239,7 @@ def _find_clock(
 
 
 def _compute_delay(first: RegularClock, other: RegularClock) -> float:
-    """Return how many seconds later the first sample of another clock is."""
+    """Return the time in s from the first sample of a clock to that of another clock."""
     delay_s = other.first_s - first.first_s
     if first.start is not None and other.start is not None:
         delay_s += (other.start - first.start).total_seconds()
@@ -207,32 +252,42 @@ def _read_stamped(
     stamps: LoggerChannel,
     scales: Array,
 ) -> Iterator[SampleBlock]:
-    """Return an iterator over blocks with the times in a channel of stamps.
+    """Yield blocks with the times in a channel of stamps.
+
+    A note of the reader says from which date the times are counted, if the stamps show it.
+
+    Parameters
+    ----------
+    reader : LoggerReader
+        The reader of the file.
+    channels : sequence of LoggerChannel
+        Channels with readings.
+    stamps : LoggerChannel
+        The channel of stamps.
+    scales : ndarray, shape (channels,)
+        Factors of the samples.
 
     Raises
     ------
     FileError
-        If the unit of the stamps is not known, unless they turn out to be dates.
+        If the unit of the stamps is unknown, unless they are dates.
     """
     unit = parse_unit(stamps.unit) if stamps.unit else stamps.column.unit
-    is_time = unit is not None and unit.quantity == "time"
-
-    def read_blocks() -> Iterator[SampleBlock]:
-        converter = StampConverter(unit if is_time and unit else UNITS["s"])
-        addresses = [stamps.address, *(channel.address for channel in channels)]
-        for times, *columns in reader.read_columns(addresses):
-            if not is_time and times.dtype.kind != "M":
-                reason = f"the unit of its times {stamps.address} is not known"
-                advice = f"say it, as by --channels t_s={stamps.address}"
-                raise reader.make_error(f"{reason}; {advice}")
-            is_first = converter.start is None
-            times_s = converter.convert(times)
-            if is_first and converter.start is not None:
-                start = converter.start.isoformat(" ", "milliseconds")
-                reader.notes.append(f"its times are counted from {start}")
-            yield SampleBlock(times_s, _stack_columns(columns, scales))
-
-    return read_blocks()
+    if unit is not None and unit.quantity != "time":
+        unit = None
+    converter = StampConverter(unit or UNITS["s"])
+    addresses = [stamps.address, *(channel.address for channel in channels)]
+    for times, *columns in reader.read_columns(addresses):
+        if unit is None and times.dtype.kind != "M":
+            reason = f"the unit of its times {stamps.address} is unknown"
+            advice = f"give it, for example by --channels t_s={stamps.address}"
+            raise reader.make_error(f"{reason}; {advice}")
+        had_start = converter.start is not None
+        times_s = converter.convert(times)
+        if converter.start is not None and not had_start:
+            start = converter.start.isoformat(" ", "milliseconds")
+            reader.notes.append(f"its times are counted from {start}")
+        yield SampleBlock(times_s, _stack_columns(columns, scales))
 
 
 def _read_clocked(
@@ -241,7 +296,19 @@ def _read_clocked(
     clock: RegularClock,
     scales: Array,
 ) -> Iterator[SampleBlock]:
-    """Yield blocks with times of a clock with a constant rate."""
+    """Yield blocks with the times of a clock with a constant rate.
+
+    Parameters
+    ----------
+    reader : LoggerReader
+        The reader of the file.
+    channels : sequence of LoggerChannel
+        Channels with readings.
+    clock : RegularClock
+        Their clock; times are NaN if its interval is.
+    scales : ndarray, shape (channels,)
+        Factors of the samples.
+    """
     count = 0
     for columns in reader.read_columns([channel.address for channel in channels]):
         indices = count + np.arange(len(columns[0]))
@@ -251,13 +318,25 @@ def _read_clocked(
 
 
 def _stack_columns(columns: Sequence[Array], scales: Array) -> Array:
-    """Return samples, shape (samples, channels), of columns with a factor for each."""
+    """Stack the samples of channels, multiplied by their factors; shape (samples, channels)."""
     values = [np.asarray(column, dtype=float) for column in columns]
     return np.stack(values, axis=-1) * scales
 
 
 def _make_column(reader: LoggerReader, electrode: str, channel: LoggerChannel) -> Column:
-    """Return the column of an electrode; a note says so if its unit is not known."""
+    """Make the column of an electrode or a quantity.
+
+    If the file has a unit that is not known, the column has none, and a note of the reader says so.
+
+    Parameters
+    ----------
+    reader : LoggerReader
+        The reader of the file. Samples of a sound file are in V.
+    electrode : str
+        Name of the electrode or of the quantity.
+    channel : LoggerChannel
+        Its channel.
+    """
     unit: Unit | None = parse_unit(channel.unit) if channel.unit else channel.column.unit
     if reader.has_fractions:
         unit = UNITS["V"]

@@ -38,7 +38,7 @@ class ParquetReader(LoggerReader):
             self.file = stack.enter_context(self.parquet.ParquetFile(path))
             self.schema = self.file.schema_arrow
         except (ValueError, OSError) as error:  # ArrowInvalid is a ValueError
-            raise self.make_error(f"cannot be read as Parquet ({error})") from None
+            raise self.make_format_error(error) from None
 
     @classmethod
     def is_recognised(cls, head: bytes) -> bool:

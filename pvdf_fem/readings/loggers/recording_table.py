@@ -17,10 +17,10 @@ BATCH_ROWS = 1024
 
 
 def make_table(recording: Recording) -> Table:
-    """Return a recording as a table with a column for each electrode.
+    """Make a table of a recording, with a column for each electrode.
 
-    The first column is ``t_s``, the times in s, if they are known. Rows are read from the blocks
-    of the recording.
+    If the times are known, the first column is ``t_s`` with the times in s. The rows are read from
+    the blocks of the recording while they are iterated over.
     """
     columns = [Column(column.name, column.name, column.unit) for column in recording.columns]
     if recording.has_times:

@@ -34,9 +34,9 @@ READERS: tuple[type[LoggerReader], ...] = (
 HEAD_BYTES = 4096
 TDMS_INDEX_TAG = b"TDSh"
 NETCDF3_TAG = b"CDF"
-#: First bytes of files that are not read, with what they are and what to do.
+#: First bytes of files that are not read, with the end of the message that refuses them.
 UNREAD_TAGS = {
-    b"\x1f\x8b": "is compressed by gzip; unpack it, as by: gunzip FILE",
+    b"\x1f\x8b": "is compressed by gzip; unpack it, for example by: gunzip FILE",
     b"PK\x03\x04": "is a ZIP archive, such as a sheet of Excel; save it as CSV, or unpack it",
     b"\xd0\xcf\x11\xe0": "is an old document, such as an Excel workbook; save the sheet as CSV",
 }
@@ -71,12 +71,12 @@ def find_reader(path: Path) -> type[LoggerReader] | None:
         if head.startswith(tag):
             raise FileError(f"{path}: {reason}")
     if head.startswith(NETCDF3_TAG) and b"\0" in head:
-        advice = "write the data as CSV or Parquet, or convert it, as by: nccopy -k nc4 OLD NEW"
+        advice = "convert it, for example by: nccopy -k nc4 OLD NEW; or write CSV or Parquet"
         raise FileError(f"{path}: is NetCDF-3, which is not read; {advice}")
     by_extension = [reader for reader in READERS if path.suffix.lower() in reader.extensions]
     if by_extension and (b"\0" in head or not head):
         title = by_extension[0].title
-        reason = f"is not {title}, nor another format that is known"
+        reason = f"is neither {title} nor another known format"
         raise FileError(f"{path}: {reason}; copy it from the logger again")
     return None
 
@@ -119,10 +119,10 @@ def find_bag_file(folder: Path) -> Path:
         return bags[0]
     if not bags:
         raise FileError(f"{folder}: is a folder without a .db3 or .mcap file; give a file")
-    names = ", ".join(path.name for path in sorted(bags, key=_sort_key))
+    names = ", ".join(path.name for path in sorted(bags, key=_list_numbers))
     raise FileError(f"{folder}: has the files {names}; give one of them")
 
 
-def _sort_key(path: Path) -> list[int]:
-    """Return the numbers in a name, by which parts of a bag are sorted."""
+def _list_numbers(path: Path) -> list[int]:
+    """Return the numbers in the name of a file, by which the parts of a bag are sorted."""
     return [int(number) for number in re.findall(r"\d+", path.name)]

@@ -54,7 +54,7 @@ class TdmsReader(LoggerReader):
         try:
             self.file = stack.enter_context(nptdms.TdmsFile.open(stream))
         except Exception as error:  # npTDMS raises errors of struct, too
-            raise self.make_error(f"cannot be read as TDMS ({error})") from None
+            raise self.make_format_error(error) from None
         self.channels = self._list_numeric_channels()
         starts = _count_starts(path)
         if starts > 1:

@@ -31,9 +31,9 @@ MAX_HEADER_BYTES = 4096
 class WavReader(LoggerReader):
     """A reader of sound files by soundfile.
 
-    Samples are fractions of the full scale. Integers of all widths are divided by 2 to the power
-    of their bits less one; numbers of floating-point files are returned as they are, also above 1.
-    The largest and the smallest integer are 1 and -1, where the converter clips.
+    Samples are fractions of the full scale. Integers of b bits are divided by 2**(b - 1), but the
+    largest one becomes 1 and the two smallest ones -1, since the converter clips there. Numbers of
+    floating-point files are returned as they are, even above 1.
     """
 
     title = "WAV"
@@ -47,9 +47,9 @@ class WavReader(LoggerReader):
         try:
             self.file = stack.enter_context(soundfile.SoundFile(path))
         except soundfile.SoundFileError as error:
-            raise self.make_error(f"cannot be read as a sound file ({error})") from None
+            raise self.make_format_error(error) from None
         if self.file.frames == 0 and path.stat().st_size > MAX_HEADER_BYTES:
-            advice = "repair its header, as by: sox --ignore-length FILE NEW.wav"
+            advice = "repair its header, for example by: sox --ignore-length FILE NEW.wav"
             raise self.make_error(f"its header says that it has no samples; {advice}")
 
     @classmethod
@@ -75,8 +75,8 @@ class WavReader(LoggerReader):
             if largest is None:
                 yield list(samples.T)
                 continue
-            # A converter that is full gives the largest integer, and the smallest one or that
-            # above. It is at the end of a range_V that equals the full scale.
+            # A converter that clips gives the largest integer, and the smallest one or the one
+            # above. Both become ±1, so that they are at the end of a range_V of the full scale.
             samples = np.where(samples >= largest, 1.0, samples)
             samples = np.where(samples <= -largest, -1.0, samples)
             yield list(samples.T)

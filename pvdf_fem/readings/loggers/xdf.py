@@ -36,7 +36,7 @@ class XdfReader(LoggerReader):
                 str(path), synchronize_clocks=True, dejitter_timestamps=False
             )
         except Exception as error:  # pyxdf raises errors of struct and of XML, too
-            raise self.make_error(f"cannot be read as XDF ({error})") from None
+            raise self.make_format_error(error) from None
         self.streams = _name_streams(streams)
 
     @classmethod
@@ -57,7 +57,7 @@ class XdfReader(LoggerReader):
         streams = {self._find_stream(channel.address) for channel in channels}
         if len(streams) > 1:
             listed = ", ".join(sorted(streams))
-            raise self.make_error(f"channels of several streams, {listed}; give those of one")
+            raise self.make_error(f"channels of several streams, {listed}; choose those of one")
         return LoggerChannel(f"{streams.pop()}/{TIME_NAME}", "s")
 
     def read_columns(self, addresses: Sequence[str]) -> Iterator[list[Array]]:
@@ -66,12 +66,13 @@ class XdfReader(LoggerReader):
         for address in addresses:
             name = self._find_stream(address)
             stream = self.streams[name]
-            label = address.removeprefix(f"{name}/")
-            if label == TIME_NAME:
+            wanted = address.removeprefix(f"{name}/")
+            if wanted == TIME_NAME:
                 columns.append(np.asarray(stream["time_stamps"], dtype=float))
             else:
                 labels = [label for label, _ in _list_labels(stream)]
-                columns.append(np.asarray(stream["time_series"])[:, labels.index(label)])
+                samples = np.asarray(stream["time_series"])
+                columns.append(samples[:, labels.index(wanted)])
         yield columns
 
     def _find_stream(self, address: str) -> str:
@@ -81,7 +82,7 @@ class XdfReader(LoggerReader):
 
 
 def _name_streams(streams: Sequence[Any]) -> dict[str, Any]:
-    """Return the streams with numbers by their names; later ones of the same name get a number."""
+    """Return the streams with numbers by their names; of equal names, later ones get a number."""
     named: dict[str, Any] = {}
     for stream in streams:
         info = stream["info"]
@@ -98,8 +99,8 @@ def _name_streams(streams: Sequence[Any]) -> dict[str, Any]:
 def _list_labels(stream: Any) -> list[tuple[str, str]]:
     """Return the label and the unit of each channel; channels without labels are numbered from 1.
 
-    They are in the description of the stream as LSL's conventions define it:
-    ``desc/channels/channel/label`` and ``unit``.
+    By the conventions of LSL they are ``desc/channels/channel/label`` and ``unit`` in the
+    description of the stream.
     """
     info = stream["info"]
     count = int(info["channel_count"][0])
@@ -117,7 +118,7 @@ def _list_labels(stream: Any) -> list[tuple[str, str]]:
 
 
 def _list_children(elements: Any, name: str) -> list[Any]:
-    """Return the children of an XML element that have a name, as pyxdf converts them."""
+    """Return the children with a name of all the XML elements in a list, as pyxdf gives them."""
     children: list[Any] = []
     for element in elements or []:
         if isinstance(element, dict):
@@ -126,6 +127,6 @@ def _list_children(elements: Any, name: str) -> list[Any]:
 
 
 def _get_text(element: Any, name: str) -> str:
-    """Return the text of the child of an element that has a name, or an empty text."""
+    """Return the text of the child with a name of an XML element, or an empty text."""
     texts = element.get(name) if isinstance(element, dict) else None
     return str(texts[0] or "").strip() if texts else ""

@@ -84,8 +84,8 @@ def _find_header(
 ) -> _FoundHeader:
     """Find the header of a table.
 
-    In a file, `LINES_AHEAD` more lines are searched for one with more of the wanted names: above it
-    there may be a table of ranges or gains of the channels.
+    A header may be preceded by another table, of the ranges or gains of the channels. In a file,
+    `LINES_AHEAD` more lines are therefore searched for one with more of the wanted names.
 
     Parameters
     ----------
@@ -105,16 +105,16 @@ def _find_header(
             if header is None:
                 continue
             rest = batch[index + 1 :]
-            for ahead, later in enumerate(rest[:LINES_AHEAD] if is_file else []):
+            if not is_file:
+                return _FoundHeader(header, search.lines + rest, search.notes)
+            for ahead, later in enumerate(rest[:LINES_AHEAD]):
                 if search.is_surpassed_by(later):
                     found = _find_header(iter([rest[ahead:]]), name, is_wanted, is_file)
                     note = f"lines above the header {later.strip()[:MAX_QUOTED]} are not read"
                     return found._replace(notes=[note, *found.notes])
             rows = search.lines + rest
-            if is_file:
-                header, count = search.skip_labelled_rows(header, rows[:LINES_AHEAD])
-                rows = rows[count:]
-            return _FoundHeader(header, rows, search.notes)
+            header, count = search.skip_labelled_rows(header, rows[:LINES_AHEAD])
+            return _FoundHeader(header, rows[count:], search.notes)
     header = search.finish()
     return _FoundHeader(header, search.lines, search.notes)
 
@@ -133,7 +133,17 @@ def _require_distinct_headings(columns: tuple[Column, ...], name: str) -> None:
 def _parse_batches(
     parser: _RowParser, first_lines: list[str], lines: Iterator[list[str]]
 ) -> Batches:
-    """Yield the rows of lines as they arrive."""
+    """Yield the rows of lines as they arrive.
+
+    Parameters
+    ----------
+    parser : _RowParser
+        The parser of the lines.
+    first_lines : list of str
+        Lines that were read together with the header.
+    lines : iterator of list of str
+        The following lines.
+    """
     if first_lines:
         yield parser.parse(first_lines)
     for batch in lines:

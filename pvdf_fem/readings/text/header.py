@@ -35,7 +35,7 @@ IsWanted = Callable[[Column], bool]  #: Whether a column has one of the names th
 
 
 def make_name_test(names: Collection[str]) -> IsWanted:
-    """Return a function that tells whether a column has one of some names, with any unit.
+    """Return a predicate of columns: whether one has one of some names, with any unit.
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ class Header:
     separator : str
         Separator of the rows, one of `SEPARATORS`.
     needed : int
-        Number of cells that a row must have. It is that of the first row if this lacks the last
-        columns, such as one for comments.
+        Minimum number of cells of a row. It is less than the number of columns if the first row
+        lacks the last columns, such as one for comments.
     """
 
     columns: tuple[Column, ...]
@@ -82,7 +82,7 @@ class _Candidate:
     columns : tuple of Column
         Columns, if it is the header.
     separator : str
-        The separator by which it has most of the wanted names.
+        The separator that yields the most of the wanted names.
     wanted : tuple of int
         Indices of the columns with wanted names.
     lines_before : int
@@ -95,11 +95,11 @@ class _Candidate:
     lines_before: int
 
     def find_row_separator(self, line: str) -> str | None:
-        """Return the separator by which a line is a row below this header; None if it is not one.
+        """Return the separator of a line that is a row below this header; None for other lines.
 
-        A row has as many cells as the header, and all cells that are not empty are numbers, or half
-        of those in the columns with wanted names. With the separator of the header it may have
-        another number of cells, and is then malformed.
+        A row has as many cells as the header. Either all cells that are not empty are numbers, or
+        half of those in the columns with wanted names are. A line with the separator of the header
+        and such numbers is a row even if it has another number of cells, but a malformed one.
         """
         others = [separator for separator in SEPARATORS if separator != self.separator]
         for separator in (self.separator, *others):
@@ -112,20 +112,27 @@ class _Candidate:
         return None
 
     def count_needed_cells(self, line: str, separator: str) -> int:
-        """Return the number of cells that rows must have, if a line is the first of them.
+        """Return the minimum number of cells of a row.
 
-        This is the number of columns, unless the line lacks only columns without a wanted name.
+        This is the number of columns, or that of the first row if it lacks only columns without a
+        wanted name.
+
+        Parameters
+        ----------
+        line : str
+            The first row.
+        separator : str
+            Its separator.
         """
         count = len(split_cells(line, separator))
-        lacks_wanted = any(index >= count for index in self.wanted)
-        return len(self.columns) if lacks_wanted else min(count, len(self.columns))
+        if any(index >= count for index in self.wanted):
+            return len(self.columns)
+        return min(count, len(self.columns))
 
     def has_numbers(self, cells: Sequence[str]) -> bool:
-        """Return whether half of the cells in the columns with wanted names are numbers."""
-        count = 0
-        for index in self.wanted:
-            if index < len(cells):
-                count += _is_number_or_time(cells[index])
+        """Return whether at least half of the columns with wanted names have numbers in a row."""
+        present = [cells[index] for index in self.wanted if index < len(cells)]
+        count = sum(_is_number_or_time(cell) for cell in present)
         return 0 < len(self.wanted) <= 2 * count
 
 
@@ -133,9 +140,8 @@ class HeaderSearch:
     """A search for the header of a table in its first lines.
 
     The header is the line that has most of the wanted names, and no numbers. Lines before it are a
-    preamble: comments, or descriptions that an instrument or a program has written. A row of units
-    may follow the header. It is found when the first row of numbers is: a live stream is then
-    answered from its first row on.
+    preamble: comments, or descriptions by an instrument or a program. A row of units may follow it.
+    The search ends at the first row of numbers, so that no row of a live stream has to wait.
 
     Parameters
     ----------
@@ -178,11 +184,10 @@ class HeaderSearch:
         return None if waits and len(self.lines) < MAX_PREAMBLE else self.finish()
 
     def skip_labelled_rows(self, header: Header, rows: Sequence[str]) -> tuple[Header, int]:
-        """Skip the rows below the header that describe the channels, such as their units.
+        """Find the rows below the header that describe the channels, such as their units.
 
-        Their first cell is a label, as in ``"VUnit","V","V"``, and at least one of them is no row
-        of numbers. A note names them. They are rows of numbers if the first cells below them are
-        labels, too, as in a column of notes.
+        Their first cells are labels, as in ``"VUnit","V","V"``. At least one of them has no
+        numbers, and a row of numbers without a label follows them. A note names these rows.
 
         Parameters
         ----------
@@ -200,23 +205,11 @@ class HeaderSearch:
         """
         if self.found is None or 0 in self.found.wanted:
             return header, 0
-        labelled = []
-        for line in rows:
-            cells = split_cells(line, header.separator)
-            if cells and cells[0].strip() and not _is_number_or_time(cells[0]):
-                labelled.append(cells)
-                continue
-            if not labelled or not self.found.has_numbers(cells):
-                return header, 0
-            break
-        else:
-            return header, 0
-        described = [
-            cells
-            for cells in labelled
-            if len(cells) < header.needed or not self.found.has_numbers(cells)
+        labelled = _list_labelled_rows(self.found, header.separator, rows)
+        has_numbers = [
+            len(cells) >= header.needed and self.found.has_numbers(cells) for cells in labelled
         ]
-        if not described:
+        if all(has_numbers):  # also if there are none
             return header, 0
         labels = ", ".join(cells[0].strip()[:MAX_QUOTED] for cells in labelled)
         self.notes.append(f"rows below the header that describe it are not read: {labels}")
@@ -235,13 +228,15 @@ class HeaderSearch:
         return len(candidate.wanted) > len(self.found.wanted)
 
     def finish(self) -> Header:
-        """Return the most likely header of a table that has no row of numbers.
+        """Return the most likely header, if no row of numbers was found below a candidate.
 
-        If no line has a wanted name, it is the last line before the first row of numbers, but for
-        one of units.
+        If no line has a wanted name, it is the last line before the first row of numbers that is
+        not a row of units.
         """
-        for candidate in self._rank_candidates():
-            return self._make_header(candidate, candidate.separator, len(candidate.columns))
+        ranked = self._rank_candidates()
+        if ranked:
+            best = ranked[0]
+            return self._make_header(best, best.separator, len(best.columns))
         header_line = self._find_line_before_numbers()
         if header_line is None:
             return Header((), ",", needed=0)
@@ -253,7 +248,7 @@ class HeaderSearch:
         return self._make_header(candidate, separator, len(columns))
 
     def _rank_candidates(self) -> list[_Candidate]:
-        """Return the candidates, those with most wanted names first, and later ones before."""
+        """Return the candidates, those with the most wanted names first; of equals, the last."""
         return sorted(reversed(self.candidates), key=lambda each: -len(each.wanted))
 
     def _make_candidate(self, line: str) -> _Candidate | None:
@@ -266,7 +261,7 @@ class HeaderSearch:
             wanted = [i for i, column in enumerate(columns) if self.is_wanted(column)]
             others = [column for column in columns if not self.is_wanted(column)]
             if any(has_number(column.heading) for column in others):
-                continue
+                continue  # a row of numbers
             if len(columns) == 1 and "," in self.separators:
                 separator = ","
             if wanted and (best is None or len(wanted) > len(best.wanted)):
@@ -274,9 +269,10 @@ class HeaderSearch:
         return best
 
     def _list_separators_of(self, line: str) -> tuple[str, ...]:
-        """Return the possible separators of a header: no blanks if it has other separators.
+        """Return the possible separators of a header.
 
-        In ``Channel A;Channel B`` and ``A (raw),B (raw)`` the blanks are part of the names.
+        A blank is none of them if the line has other separators: in ``Channel A;Channel B`` and
+        ``A (raw),B (raw)`` blanks are part of the names.
         """
         has_others = any(separator in line for separator in NEVER_IN_NAMES)
         if not has_others and not _COMMA_IN_WORD.search(line):
@@ -285,9 +281,9 @@ class HeaderSearch:
         return others or self.separators
 
     def _make_header(self, candidate: _Candidate, separator: str, needed: int) -> Header:
-        """Return a candidate as the header, with the units in a row below it.
+        """Make the header from a candidate, with the units in a row below it.
 
-        Only the lines of rows are kept.
+        Afterwards `lines` has only the rows below the header and its units.
 
         Parameters
         ----------
@@ -340,6 +336,30 @@ class HeaderSearch:
                 yield line
 
 
+def _list_labelled_rows(
+    candidate: _Candidate, separator: str, lines: Sequence[str]
+) -> list[list[str]]:
+    """Return the cells of the rows that begin with labels, if a row of numbers follows them.
+
+    Parameters
+    ----------
+    candidate : _Candidate
+        The header above the rows.
+    separator : str
+        Separator of the rows.
+    lines : sequence of str
+        Rows below the header.
+    """
+    labelled: list[list[str]] = []
+    for line in lines:
+        cells = split_cells(line, separator)
+        has_label = bool(cells and cells[0].strip()) and not _is_number_or_time(cells[0])
+        if not has_label:
+            return labelled if candidate.has_numbers(cells) else []
+        labelled.append(cells)
+    return []
+
+
 def _describe_unknown_units(
     columns: Sequence[Column], cells: Sequence[str], units: Sequence[Unit | None]
 ) -> Iterator[str]:
@@ -363,7 +383,7 @@ def _describe_unknown_units(
 
 
 def _has_only_numbers(cells: Sequence[str]) -> bool:
-    """Return whether all cells that are not empty are numbers or times, and at least one is."""
+    """Return whether a row has at least one number or time, and otherwise only empty cells."""
     given = [cell for cell in cells if cell.strip()]
     return bool(given) and all(_is_number_or_time(cell) for cell in given)
 
@@ -374,10 +394,10 @@ def _is_number_or_time(cell: str) -> bool:
 
 
 def _parse_columns(cells: list[str]) -> tuple[Column, ...]:
-    """Return the columns of a header.
+    """Make the columns of a header from its cells.
 
-    Empty headings at its end are left out. If the separator is a blank, a unit that follows a name
-    is a cell of its own; it is joined to the heading before it.
+    Empty headings at its end are left out. A cell that is only a unit in brackets is joined to the
+    heading before it, since a blank may be the separator.
     """
     headings: list[str] = []
     for cell in drop_empty_end(cells):

@@ -31,7 +31,7 @@ def open_json_table(
     name : str
         Its name, for messages.
     is_wanted, open_again
-        Not needed: the columns have names, and numbers have decimal points.
+        Not used, since columns have names and numbers have decimal points.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def open_json_table(
 
 
 def _make_rows(batches: Iterator[list[Any]], keys: list[str]) -> Batches:
-    """Yield the rows of objects, with None for keys that an object lacks."""
+    """Yield the rows of objects as they arrive; the cell of a key that an object lacks is None."""
     number = 0
     for batch in batches:
         rows = []
@@ -68,7 +68,7 @@ def _make_rows(batches: Iterator[list[Any]], keys: list[str]) -> Batches:
 
 
 def _read_objects(lines: Iterator[list[str]], name: str) -> Iterator[list[Any]]:
-    """Yield lists of the values in JSON that have arrived since the previous list.
+    """Yield lists of the JSON values that have arrived since the previous list.
 
     A `FileError` is raised if the text is not JSON.
     """

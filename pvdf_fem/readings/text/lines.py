@@ -20,7 +20,7 @@ def read_lines(stream: BinaryIO, name: str) -> Iterator[list[str]]:
     """Yield lists of the lines that have arrived since the previous list, without blank lines.
 
     Lines end with LF, CR LF, or CR. A text that begins like UTF-16 is read as UTF-16. Otherwise
-    each line is UTF-8, or else Windows-1252 or Latin-1, of spreadsheets and older loggers.
+    each line is decoded by `decode_line`, since spreadsheets and older loggers do not write UTF-8.
 
     Parameters
     ----------

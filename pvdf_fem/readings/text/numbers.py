@@ -72,8 +72,8 @@ class NumberReader:
     Parameters
     ----------
     default : {".", ""}
-        How to read points as long as no cell has decided the decimal sign: as decimal points, as in
-        a table with commas between its cells, or not at all.
+        The decimal sign until a cell decides it. It is a point if commas separate the cells of the
+        table; an empty text means that ambiguous cells are refused.
     """
 
     def __init__(self, default: str = "") -> None:
@@ -108,8 +108,8 @@ class NumberReader:
         Returns
         -------
         float
-            The number; NaN if the cell is empty or has a word for a missing number, ∞ or -∞ if it
-            has a word for a number above or below the range of the instrument.
+            The number. It is NaN if the cell is empty or has a word for a missing number, and ∞ or
+            -∞ if it has a word for a number above or below the range of the instrument.
 
         Raises
         ------
@@ -131,7 +131,10 @@ class NumberReader:
         return value
 
     def _read_other(self, text: str) -> float:
-        """Return the number in a text that is a word, has grouped digits, or may be ambiguous."""
+        """Return the number of a text that is not a plain number: a word, or grouped digits.
+
+        The parameters and exceptions are those of `read`.
+        """
         word = read_word(text)
         if word is not None:
             return word
@@ -166,10 +169,10 @@ def read_word(text: str) -> float | None:
 
 
 def read_both_ways(cell: str) -> dict[str, float]:
-    """Return the numbers that a text may mean, by the decimal sign: a point, a comma, or both.
+    """Return the numbers that a text may mean, by the decimal sign.
 
-    A number of digits alone is the same with either sign. The result is empty if the text is not a
-    number.
+    Digits without a sign mean the same number with a point and with a comma. The result is empty if
+    the text is not a number.
 
     Examples
     --------
@@ -188,7 +191,7 @@ def read_both_ways(cell: str) -> dict[str, float]:
 
 
 def has_number(cell: str) -> bool:
-    """Return whether a cell has a number or a word that replaces one; False if it is empty."""
+    """Return whether a cell has a number, or a word that replaces one; an empty cell has none."""
     text = cell.strip()
     return bool(text) and (read_word(text) is not None or bool(read_both_ways(text)))
 
@@ -217,7 +220,7 @@ def _parse_decimal(text: str) -> float:
 
 
 def _convert_scpi_number(value: float) -> float:
-    """Return NaN or ±∞ for the numbers with which instruments encode them; keep all others."""
+    """Return NaN or ±∞ for the numbers by which SCPI encodes them, and any other number itself."""
     if value == SCPI_NAN:
         return math.nan
     if abs(value) == SCPI_INFINITY:

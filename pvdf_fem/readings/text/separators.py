@@ -5,8 +5,7 @@ from __future__ import annotations
 import csv
 import re
 
-#: The separators in the order in which they are preferred. A blank stands for runs of blanks and
-#: tabs.
+#: Separators, the preferred ones first. A blank stands for any number of blanks and tabs.
 SEPARATORS = (";", "\t", "|", ",", " ")
 #: Separators that do not occur in the names of columns, where commas and blanks do.
 NEVER_IN_NAMES = (";", "\t", "|")
@@ -37,7 +36,7 @@ def split_cells(line: str, separator: str) -> list[str]:
     Returns
     -------
     list of str
-        The cells with the blanks around them. Empty if a quote is not closed.
+        The cells with the blanks around them. The list is empty if a quote is not closed.
     """
     if separator == " ":
         line = line.strip(" \t")
@@ -56,7 +55,7 @@ def split_cells(line: str, separator: str) -> list[str]:
 
 
 def drop_empty_end(cells: list[str], count: int = 0) -> list[str]:
-    """Return cells without the empty ones at their end, but at least `count` of them."""
+    """Return cells without empty ones at the end, but at least the first `count` of them."""
     length = len(cells)
     while length > count and not cells[length - 1].strip():
         length -= 1
@@ -64,7 +63,7 @@ def drop_empty_end(cells: list[str], count: int = 0) -> list[str]:
 
 
 def find_comment_text(line: str) -> str | None:
-    """Return the text of a line of comment without its marker, and None for any other line.
+    """Return the text of a comment line without its marker, and None for any other line.
 
     A row that begins with an error of a spreadsheet, such as ``#DIV/0!``, is not a comment.
     """

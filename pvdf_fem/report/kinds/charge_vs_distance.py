@@ -102,7 +102,7 @@ class ChargeVsDistance(CurveKind):
     def make_claim(self, data: CurveData) -> str:
         """Return the claim about the first electrode's charge at the smallest and largest distance.
 
-        The claim has the range over all angles and variants.
+        Of several angles or variants, the first one with a charge at this distance is used.
         """
         frame = data.frame
         first: Any = frame[frame.electrode == frame.electrode.iloc[0]]

@@ -103,7 +103,7 @@ class Positions(MapKind):
         touches = self._resolve_touches(inputs)
         if len(touches.maps) > MAX_MAPS:
             reason = f"needs {len(touches.maps)} maps of charges, for its forces, rotations and"
-            reason += f" films; at most {MAX_MAPS} are allowed, keep fewer rows by `where`"
+            reason += f" films, of which {MAX_MAPS} are allowed; keep fewer rows by `where`"
             raise SceneError([format_error("data", self.data, reason)])
         scenes = []
         for points in touches.maps:

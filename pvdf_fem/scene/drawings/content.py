@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.scene.drawings.curves import Curve
+
+if TYPE_CHECKING:  # most scenes have no drawing
+    from pvdf_fem.scene.drawings.curves import Curve
 
 #: Maximum number of entities that are read; arrays of blocks and clones can have billions.
 MAX_ENTITIES = 100_000

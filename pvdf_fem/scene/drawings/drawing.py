@@ -19,7 +19,7 @@ class Drawing(Section):
     """
 
     drawing: Annotated[str, Key(example="pads.dxf")]
-    """Path of the drawing, relative to the scene file; with pvdf_fem[drawings]."""
+    """Path of the drawing, relative to the scene file; with pvdf-fem[drawings]."""
     layer: Annotated[str | None, Key(example="ELECTRODES")] = None
     """Layer of the outlines; in SVG the id, the class or the Inkscape label of shapes or of a group
     around them. By default all that is visible."""

@@ -61,10 +61,11 @@ def read_electrodes(drawing: Drawing, radius_mm: object) -> list[dict[str, Any]]
         raise DrawingError(str(error)) from None
     except ModuleNotFoundError as error:
         reason = f"requires {error.name}, which is not installed"
-        raise DrawingError(f'{reason}; run: pip install "pvdf_fem[drawings]"') from None
+        raise DrawingError(f'{reason}; run: pip install "pvdf-fem[drawings]"') from None
     _require_paths(content, drawing.layer)
     scale_mm = _choose_unit(content, drawing.unit)
-    frame, shift = _make_motion(drawing, scale_mm, is_downwards=path.suffix.lower() == ".svg")
+    up = -1.0 if path.suffix.lower() == ".svg" else 1.0
+    frame, shift = _make_motion(drawing, scale_mm, up)
     paths = [_transform_path(one, frame, shift) for one in content.paths]
     texts = [DrawnText(text.text, text.points @ frame.T + shift) for text in content.texts]
     tolerance = 1e-3 * drawing.tolerance_um
@@ -80,7 +81,11 @@ def read_electrodes(drawing: Drawing, radius_mm: object) -> list[dict[str, Any]]
     contours = [contours[number] for number in order]
     outlines = [outlines[number] for number in order]
     _require_separate(contours, outlines, content)
-    _require_inside_rim(contours, outlines, radius_mm, scale_mm)
+    try:
+        _require_inside_rim(contours, outlines, radius_mm, scale_mm)
+    except DrawingError as error:
+        advice = _advise_on_origin(outlines, radius_mm, drawing, up)
+        raise DrawingError(f"{error}; {advice}") from None
     names = name_contours(contours, outlines, texts, drawing.names)
     return [{"name": names[row], **tables[number]} for row, number in enumerate(order)]
 
@@ -163,10 +168,19 @@ def _choose_unit(content: DrawingContent, unit: str | None) -> float:
     return size_mm if stated is None else stated.size_mm
 
 
-def _make_motion(drawing: Drawing, scale_mm: float, is_downwards: bool) -> tuple[Array, Array]:
-    """Return frame and shift of the map from the drawing, with y upwards, to the film in mm."""
-    x, y = drawing.origin_mm
-    origin = np.array([x, -y if is_downwards else y])
+def _make_motion(drawing: Drawing, scale_mm: float, up: float) -> tuple[Array, Array]:
+    """Return frame and shift of the map from the drawing, with y upwards, to the film in mm.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        Origin and rotation.
+    scale_mm : float
+        Size in mm of the drawing's unit.
+    up : float
+        1.0 if the drawing counts y upwards, -1.0 if downwards.
+    """
+    origin = np.array(drawing.origin_mm) * [1.0, up]
     frame = rotate(np.eye(2), drawing.rotation_deg).T
     return scale_mm * frame, -frame @ origin
 
@@ -219,10 +233,7 @@ def _require_inside_rim(
     contours: list[Contour], outlines: list[Outline], radius_mm: object, scale_mm: float
 ) -> None:
     """Refuse outlines beyond the rim; several of them may come from a wrong unit or origin."""
-    default_mm: float = Film.model_fields["radius_mm"].default
-    given = default_mm if radius_mm is None else radius_mm
-    if isinstance(given, bool) or not isinstance(given, int | float) or not given > 0.0:
-        return
+    given = _get_radius_mm(radius_mm)
     limit = 1e-3 * given * (1.0 + LENGTH_TOLERANCE)
     beyond = [number for number, outline in enumerate(outlines) if outline.reach > limit]
     if not beyond:
@@ -233,4 +244,27 @@ def _require_inside_rim(
     reason += f" film.radius_mm = {given:g}"
     if len(beyond) > 1:
         reason += f", as {len(beyond)} of {len(outlines)} outlines do (1 unit = {scale_mm:g} mm)"
-    raise DrawingError(f"{reason}; correct the drawing, origin_mm, unit or the film's radius")
+    raise DrawingError(reason)
+
+
+def _get_radius_mm(radius_mm: object) -> float:
+    """Return the radius of the film: the default without one, infinity for an invalid one."""
+    if radius_mm is None:
+        return float(Film.model_fields["radius_mm"].default)
+    if isinstance(radius_mm, int | float) and not isinstance(radius_mm, bool) and radius_mm > 0.0:
+        return float(radius_mm)
+    return float("inf")
+
+
+def _advise_on_origin(
+    outlines: list[Outline], radius_mm: object, drawing: Drawing, up: float
+) -> str:
+    """Advise to make the middle of all outlines the film's centre, if they fit then."""
+    bounds = np.array([outline.inscribed_polygon.bounds for outline in outlines])
+    middle = 0.5 * (bounds[:, :2].min(axis=0) + bounds[:, 2:].max(axis=0))
+    moved = [outline.transform(np.eye(2), -middle) for outline in outlines]
+    if 1e3 * max(outline.reach for outline in moved) > _get_radius_mm(radius_mm):
+        return "correct the drawing, origin_mm, unit or the film's radius"
+    in_drawing = rotate(1e3 * middle, -drawing.rotation_deg) * [1.0, up] + drawing.origin_mm
+    x, y = np.round(in_drawing, 3) + 0.0
+    return f"the middle of all outlines is origin_mm = [{x:g}, {y:g}]: give it if they are centred"

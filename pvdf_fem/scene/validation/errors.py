@@ -133,7 +133,17 @@ def _is_list_with_invalid_entries(details: ErrorDetails) -> bool:
 
 
 def _describe_error(details: ErrorDetails, where: str, model: type[BaseModel]) -> str:
-    """Describe one of pydantic's errors as ``key = value: reason; advice``."""
+    """Describe one of pydantic's errors as ``key = value: reason; advice``.
+
+    Parameters
+    ----------
+    details : ErrorDetails
+        The error.
+    where : str
+        Key of the validated table; empty for the whole scene.
+    model : type of BaseModel
+        The model that was validated.
+    """
     kind = details["type"]
     location = details["loc"]
     value = details["input"]

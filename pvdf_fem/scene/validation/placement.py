@@ -134,6 +134,15 @@ def _find_tip_errors(key: str, probe: Probe, load: Load) -> Iterator[str]:
 
     A contact load requires a rigid tip, and a rigid tip requires a contact load. An edge radius
     with which the probe cannot be a tip is an error for any load.
+
+    Parameters
+    ----------
+    key : str
+        Key of the probe.
+    probe : Probe
+        The probe.
+    load : Load
+        Its load.
     """
     name = "shape" if probe.edge_radius_mm is None else "edge_radius_mm"
     value = getattr(probe, name)

@@ -145,6 +145,17 @@ def _compute_charge_difference_quotient(
     """Compute the central difference quotient of Q - λ · R for a key, at fixed unknowns.
 
     Returns an array of shape (outputs,) in C per unit of the key.
+
+    Parameters
+    ----------
+    adjoint : Adjoint
+        Adjoint solutions λ of the charges Q.
+    key : str
+        Key of a number of the scene.
+    step : float
+        Step of the differences, in the unit of the key.
+    with_heat : bool
+        Whether pyroelectric charges are included.
     """
     equilibrium = adjoint.equilibrium
     rate = np.zeros(len(adjoint.outputs))
@@ -190,6 +201,15 @@ def _add_to_number(table: Table, name: str, change: float) -> Table:
     """Return a copy of a table with a changed number, without validation.
 
     One number of a pair is named ``name.0`` or ``name[0]``.
+
+    Parameters
+    ----------
+    table : Table
+        The table.
+    name : str
+        Name of the number.
+    change : float
+        Change of the number.
     """
     name, _, index = name.replace("[", ".").rstrip("]").partition(".")
     value = getattr(table, name)
@@ -250,6 +270,15 @@ def _find_outward_signs(adjoint: Adjoint, load: PatchLoad, facets: Array) -> Arr
     """Return the signs by which the right-hand normals of facets point out of the load's patch.
 
     A sign is +1 if the patch is to the left of the facet, otherwise -1.
+
+    Parameters
+    ----------
+    adjoint : Adjoint
+        Adjoint solutions, for their mesh.
+    load : PatchLoad
+        The load.
+    facets : ndarray of int, shape (n,)
+        Indices of facets on the edge of its patch.
     """
     mesh = adjoint.equilibrium.space.mesh
     start, end = mesh.p[:, mesh.facets[:, facets]].swapaxes(0, 1)
@@ -265,6 +294,15 @@ def _compute_velocity(probe: Probe, name: str, points: Array) -> Array:
     """Return the velocity of points of a probe in m per unit of the key, shape (..., 2).
 
     `points` are in m. The velocity is zero for the rotation of a disc.
+
+    Parameters
+    ----------
+    probe : Probe
+        The probe.
+    name : str
+        Key of its place: ``x_mm``, ``y_mm`` or ``rotation_deg``.
+    points : ndarray, shape (..., 2)
+        Points in m.
     """
     if name != "rotation_deg":
         direction = np.eye(2)[PLACE_NAMES.index(name)]

@@ -279,6 +279,15 @@ def _differentiate_unloaded_charges(problem: Problem, unloaded: Adjoint | None, 
     is None), they come from its closed-form charges: exactly for d31 and d32, and by central
     differences for other keys.
 
+    Parameters
+    ----------
+    problem : Problem
+        The problem of the loaded film.
+    unloaded : Adjoint or None
+        Adjoint solutions of the unloaded film; None if it needs no solve.
+    key : str
+        The key.
+
     Returns
     -------
     ndarray, shape (outputs,)

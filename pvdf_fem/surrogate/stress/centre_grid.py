@@ -84,16 +84,16 @@ class CentreGrid:
             Minimum number of rotations for an orthotropic film; 0 if the film is isotropic. A disc
             has a single rotation in either case.
         """
+        min_angle_count = 2 * (2 * distance_count - 1)
         is_disc = not probe.period_deg
         if not is_disc:
             symmetry_order = round(360.0 / probe.period_deg)
         elif film_rotation_count:
-            symmetry_order = 2  # A rotation by 180 degrees maps an orthotropic film onto itself.
+            symmetry_order = 2  # a rotation by 180 degrees maps an orthotropic film onto itself
         else:
-            symmetry_order = 0  # Any rotation; replaced by the number of angles below.
-        # the counts are rounded up to multiples for which the symmetries map the grid onto itself
-        even_order = math.lcm(2, symmetry_order or 1)
-        min_angle_count = 2 * (2 * distance_count - 1)
+            symmetry_order = min_angle_count  # every rotation is a symmetry
+        # Round the counts up, so that the symmetries map the grid onto itself.
+        even_order = math.lcm(2, symmetry_order)
         angle_count = even_order * math.ceil(min_angle_count / even_order)
         rotation_count = 1
         if film_rotation_count and not is_disc:
@@ -104,7 +104,7 @@ class CentreGrid:
             distance_count,
             angle_count=angle_count,
             rotation_count=rotation_count,
-            symmetry_order=symmetry_order or angle_count,
+            symmetry_order=symmetry_order,
             has_reflection=probe.is_mirror_symmetric,
         )
 

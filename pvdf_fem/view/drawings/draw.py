@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pvdf_fem.files import FileError
-from pvdf_fem.scene.arguments import SceneLike, as_scene
+from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
 from pvdf_fem.scene.scene_file import format_error, suggest
 from pvdf_fem.view.drawings.sheet import make_sheet
 
@@ -56,7 +56,9 @@ def draw(
     --------
     >>> draw(Scene.example("triangle"), "electrodes.svg")
     """
-    target = Path(path)
+    target = coerce("path", path, Path)
+    is_probe_drawn = coerce("probe", probe, bool)
+    has_dimensions = coerce("dimensions", dimensions, bool)
     extension = target.suffix.lower()
     if extension not in FORMATS:
         reason = f"has no extension of a known format; choose from {' '.join(FORMATS)}"
@@ -64,7 +66,7 @@ def draw(
     if dxf_version not in DXF_VERSIONS:
         reason = f"is not a version of DXF that is written; {suggest(dxf_version, DXF_VERSIONS)}"
         raise ValueError(format_error("dxf_version", dxf_version, reason))
-    sheet = make_sheet(as_scene(scene), probe=probe, dimensions=dimensions)
+    sheet = make_sheet(as_scene(scene), probe=is_probe_drawn, dimensions=has_dimensions)
     if extension == ".dxf":
         from pvdf_fem.view.drawings.dxf import write_dxf
 
@@ -74,7 +76,7 @@ def draw(
             if error.name != "ezdxf":
                 raise
             reason = "requires ezdxf, which is not installed"
-            advice = 'run: pip install "pvdf_fem[drawings]", or write .svg or .pdf'
+            advice = 'run: pip install "pvdf-fem[drawings]", or write .svg or .pdf'
             raise FileError(f"{path}: {reason}; {advice}") from None
     elif extension == ".svg":
         from pvdf_fem.view.drawings.svg import write_svg

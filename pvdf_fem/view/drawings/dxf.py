@@ -48,9 +48,8 @@ def write_dxf(sheet: Sheet, path: Path, version: str = "R2010") -> None:
     from ezdxf.enums import TextEntityAlignment
     from ezdxf.filemanagement import new
 
-    document = new(version)
-    if version != "R12":  # ezdxf does not write the unit of a file in R12
-        document.header["$INSUNITS"] = 4
+    document = new(version, units=0 if version == "R12" else 4)  # mm; R12 states no unit
+    if version != "R12":
         document.header["$MEASUREMENT"] = 1
     for layer in sheet.layers:
         document.layers.add(layer.value, color=STYLES[layer].colour_index)

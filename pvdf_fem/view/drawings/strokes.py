@@ -54,5 +54,5 @@ def draw_dimension(dimension: Dimension) -> Strokes:
         arrows.append([tip, base + 0.17 * height * across, base - 0.17 * height * across])
     angle_deg = float(np.degrees(np.arctan2(direction[1], direction[0])))
     angle_deg = (angle_deg + 90.0 - 1e-6) % 180.0 - 90.0 + 1e-6
-    centre = 0.5 * (start + end) + 0.75 * height * outward
+    centre = 0.5 * (start + end) + 0.85 * height * outward
     return Strokes(np.array(lines), np.array(arrows), centre, text_angle_deg=angle_deg)

@@ -62,7 +62,7 @@ def test_empty_cells_leave_out_a_reading_or_a_row(tmp_path):
         (make_columns(C=[np.nan] * 3), "column C: is empty"),
         (make_columns(x_mm=[1.0] * 3, y_mm=[2.0] * 3), "columns x_mm, y_mm: the same in every row"),
         (make_columns(x_mm=[1e3, 3e3, -5e3], y_mm=[2e3, 4e3, 1e3]), "look like µm"),
-        (make_columns(x_mm=[1e-3, 3e-3, -5e-3], y_mm=[2e-3, 4e-3, 0.0]), "look like m,"),
+        (make_columns(x_mm=[1e-3, 3e-3, -5e-3], y_mm=[2e-3, 4e-3, 0.0]), "look like m;"),
         (make_columns(x_mm=[1.0, 3.0, 44.0]), "row 3: x_mm, y_mm = 44, 1: "),
         (make_columns(force_N=[1.0, -2.0, 1.0]), "row 2: force_N "),
     ],

@@ -57,7 +57,7 @@ def test_mixtures_of_two_faults_are_never_wrong_and_named(seed):
     stream, outcome = track(faults, random)
     verdict = judge(stream, outcome, faults)
     about = ([fault.name for fault in faults], stream.story, verdict, outcome.messages)
-    assert (verdict.wrong, verdict.phantom, verdict.unsaid) == (0, 0, []), about
+    assert (verdict.wrong, verdict.phantom, verdict.unreported) == (0, 0, []), about
 
 
 @pytest.mark.parametrize("count", [10, pytest.param(200, marks=pytest.mark.slow)])

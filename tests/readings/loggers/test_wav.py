@@ -57,7 +57,7 @@ def test_channels_by_number_and_full_scale_by_electrode(tmp_path):
 
 def test_full_scale_must_be_given(tmp_path):
     soundfile.write(tmp_path / "r.wav", SAMPLES, 4000)
-    with pytest.raises(FileError, match=r"--full-scale .* readout\.full_scale_V"):
+    with pytest.raises(FileError, match=r"readout\.full_scale_V .*--full-scale"):
         read_recording(tmp_path / "r.wav")
 
 

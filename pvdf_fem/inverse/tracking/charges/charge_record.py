@@ -10,7 +10,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.inverse.tracking.charges.charge_integrator import ChargeIntegrator
-from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
+from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample, ChargeValues
 from pvdf_fem.inverse.tracking.charges.charge_tests import find_only_charge, is_within_noise
 from pvdf_fem.inverse.tracking.charges.drift_bridge import compute_accumulated_variance
 from pvdf_fem.inverse.tracking.charges.peak import choose_larger_peak, compute_peak
@@ -72,10 +72,10 @@ class ChargeRecord:
         self.onset_s = onset_s
         self.end_s = onset_s  #: Time of the last sample.
         self.largest: ChargeSample | None = None  #: Sample with the largest charges.
-        self.last: ChargeSample | None = None  #: Last sample.
         self.still_count = 0  #: Number of rows after the end; set by `detect_end`.
         self._buffer = SampleBuffer(len(residual))
         self._integrator = ChargeIntegrator(circuit, onset_s, residual)
+        self._last: ChargeValues | None = None
         self._kept_peak: ChargeSample | None = None
         self._largest_size = -1.0
         self._last_size = 0.0
@@ -100,7 +100,7 @@ class ChargeRecord:
         *,
         noise_V: Sequence[float],
         drift_pC: Sequence[float],
-    ) -> ChargeSample:
+    ) -> ChargeValues:
         """Integrate the voltages of a sample, append its charges to the record and return them.
 
         Parameters
@@ -113,7 +113,7 @@ class ChargeRecord:
 
         Returns
         -------
-        ChargeSample
+        ChargeValues
             Charges since the onset, with their variances.
         """
         integrator = self._integrator
@@ -122,30 +122,32 @@ class ChargeRecord:
         for number in self._excluded:
             charges_pC[number] = 0.0
             noise_variance[number] = ChargeSample.MISSING
-        # One array is made faster than five.
-        walk_variance = integrator.walk_variance
-        arrays = np.array([charges_pC, noise_variance, walk_variance, drift_pC, voltages])
-        sample = ChargeSample(
+        values = ChargeValues(
             time_s,
-            arrays[0],
-            noise_variance=arrays[1],
-            walk_variance=arrays[2],
-            drift_pC=arrays[3],
+            charges_pC,
+            noise_variance=noise_variance,
+            walk_variance=integrator.walk_variance,
+            drift_pC=drift_pC,
             sampling_variance=integrator.sampling_variance,
-            is_clipped=np.array(is_clipped),
+            is_clipped=is_clipped,
         )
         if self._buffer.is_halved_by_next:
             # The rows become coarser with this sample.
             self._kept_peak = self.compute_peak()
-        self._buffer.add(sample, arrays[4])
-        size = math.hypot(*charges_pC)
-        if size > self._largest_size:
-            self._largest_size = size
-            self.largest = sample
-        self.last = sample
-        self._last_size = size
+        self._buffer.add(values, voltages)
+        size_pC = values.size_pC
+        if size_pC > self._largest_size:
+            self._largest_size = size_pC
+            self.largest = values.to_sample()
+        self._last = values
+        self._last_size = size_pC
         self.end_s = time_s
-        return sample
+        return values
+
+    @property
+    def last(self) -> ChargeSample | None:
+        """Last sample; None if there is none."""
+        return self._last.to_sample() if self._last else None
 
     @property
     def remaining_fraction(self) -> float:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -47,15 +48,27 @@ class ChargeSample:
         return self.noise_variance + self.walk_variance + np.square(self.drift_pC)
 
     @property
+    def size_pC(self) -> float:
+        """Norm of the charges."""
+        return math.hypot(*self.charges_pC.tolist())
+
+    @property
     def direction(self) -> Array:
         """Unit vector along the charges; the zero vector if all charges are zero."""
-        size_pC = math.hypot(*self.charges_pC.tolist())
-        return self.charges_pC / max(size_pC, math.ulp(0.0))
+        return self.charges_pC / max(self.size_pC, math.ulp(0.0))
 
     @property
     def significance(self) -> float:
         """Norm of the charges, each divided by its standard deviation without sampling error."""
         return float(np.linalg.norm(self.charges_pC / np.sqrt(self.variance)))
+
+    def has_same_charges(self, other: ChargeSample) -> bool:
+        """Whether another sample has the same charges with the same noise at the same time."""
+        return (
+            self.time_s == other.time_s
+            and np.array_equal(self.charges_pC, other.charges_pC)
+            and np.array_equal(self.noise_variance, other.noise_variance)
+        )
 
     def without_channel(self, number: int) -> ChargeSample:
         """Return a copy in which the charge of an electrode is missing."""
@@ -64,4 +77,38 @@ class ChargeSample:
             self,
             charges_pC=np.where(is_excluded, 0.0, self.charges_pC),
             noise_variance=np.where(is_excluded, self.MISSING, self.noise_variance),
+        )
+
+
+class ChargeValues(NamedTuple):
+    """Quantities of a `ChargeSample` as plain numbers, by electrode.
+
+    A stream has one for each row, of few electrodes: arithmetic with floats takes a fraction of the
+    time of that with arrays.
+    """
+
+    time_s: float
+    charges_pC: list[float]
+    noise_variance: list[float]
+    walk_variance: list[float]
+    drift_pC: Sequence[float]
+    sampling_variance: float
+    is_clipped: Sequence[bool]
+
+    @property
+    def size_pC(self) -> float:
+        """Norm of the charges."""
+        return math.hypot(*self.charges_pC)
+
+    def to_sample(self) -> ChargeSample:
+        """Return the same quantities in arrays."""
+        arrays = np.array([self.charges_pC, self.noise_variance, self.walk_variance, self.drift_pC])
+        return ChargeSample(
+            self.time_s,
+            arrays[0],
+            noise_variance=arrays[1],
+            walk_variance=arrays[2],
+            drift_pC=arrays[3],
+            sampling_variance=self.sampling_variance,
+            is_clipped=np.array(self.is_clipped),
         )

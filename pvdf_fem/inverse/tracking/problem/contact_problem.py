@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -22,11 +22,13 @@ from pvdf_fem.inverse.touch.location_problem import (
 from pvdf_fem.inverse.touch.measurement import compute_unloaded_charges
 from pvdf_fem.inverse.touch.search import DEFAULT_OPTIONS, make_location, search_everywhere
 from pvdf_fem.inverse.touch.touch import SIGNIFICANCE, Touch, compute_p_values
-from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
+from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample, ChargeValues
 from pvdf_fem.inverse.tracking.options import TrackOptions
 from pvdf_fem.scene.stage import Stage
 from pvdf_fem.surrogate.charge_function import ChargeFunction
 from pvdf_fem.surrogate.touch_domain import TOUCH_QUANTITIES, TouchColumn
+
+T = TypeVar("T", float, Array)
 
 #: A touch near an earlier one is believed without a search elsewhere if the probability of a larger
 #: chi-square exceeds this number.
@@ -71,6 +73,24 @@ class FoundTouches(NamedTuple):
     problem: ContactProblem  #: The problem with the charges of the sample.
     touches: list[Touch]
     coordinates: Array  #: Their coordinates, shape (touches, 4).
+
+
+class VarianceFactors(NamedTuple):
+    """Factors of those variances of charges that depend on the charges."""
+
+    response: float  #: Variance of the error of the response, relative to the squared charge.
+    sampling: float  #: Variance of the sampling error, relative to the squared change.
+
+    def compute_variance(self, change_pC: T, unloaded_pC: T) -> T:
+        """Compute variances in pC² from changes of charges, of floats or of arrays.
+
+        Parameters
+        ----------
+        change_pC, unloaded_pC : float or ndarray, shape (electrodes,)
+            Changes of the charges, and charges of the unloaded film.
+        """
+        total_pC = unloaded_pC + change_pC
+        return self.response * total_pC * total_pC + self.sampling * change_pC * change_pC
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,14 +193,17 @@ class ContactProblem(LocationProblem):
 
         See the notes of `with_sample`.
         """
+        factors = self.get_variance_factors(sample)
+        return sample.variance + factors.compute_variance(sample.charges_pC, self.unloaded_pC)
+
+    def get_variance_factors(self, sample: ChargeSample | ChargeValues) -> VarianceFactors:
+        """Return the factors of the variances of charges that depend on the charges."""
+        sampling = 0.0
+        size_square = sample.size_pC**2
+        if sample.sampling_variance and size_square:
+            sampling = self.options.sampling_skew**2 * sample.sampling_variance / size_square
         # The error of the response is assumed to be uniformly distributed within its bound ±b.
-        response_variance = self.response.error_bound**2 / 3.0
-        variance = sample.variance
-        variance += response_variance * np.square(self.unloaded_pC + sample.charges_pC)
-        if sample.sampling_variance:
-            skew_variance = self.options.sampling_skew**2 * sample.sampling_variance
-            variance += skew_variance * np.square(sample.direction)
-        return variance
+        return VarianceFactors(self.response.error_bound**2 / 3.0, sampling)
 
     @cached_property
     def lightest_changes_pC(self) -> Array:

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
+from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample, ChargeValues
 from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
 from pvdf_fem.surrogate.touch_domain import TouchColumn
 
-#: Number of tabulated forces; cubic interpolation between them is right to 1e-6 of a charge.
-POINT_COUNT = 129
+#: Number of tabulated forces; cubic interpolation between them is right to 1e-5 of a charge.
+POINT_COUNT = 65
 MAX_STEPS = 8
 #: Largest Gauss-Newton step of the logarithm of the force.
 MAX_LOG_STEP = 1.0
@@ -29,6 +29,14 @@ class FittedForce(NamedTuple):
     log_force: float  #: Logarithm of the force in N.
     chi_square: float  #: Sum of the squared residuals, each divided by its variance.
     degrees_of_freedom: int  #: Number of measured channels less one.
+
+
+class WeightedCharge(NamedTuple):
+    """Charge of one measured electrode."""
+
+    electrode: int
+    charge_pC: float
+    weight: float  #: Inverse of its variance in 1/pC².
 
 
 class ForceCurve:
@@ -47,6 +55,7 @@ class ForceCurve:
 
     def __init__(self, problem: ContactProblem, coordinates: Array) -> None:
         self._problem = problem
+        self._unloaded_pC = problem.unloaded_pC.tolist()
         lowest, highest = problem.log_force_range
         self._lowest = lowest
         self._highest = highest
@@ -58,12 +67,12 @@ class ForceCurve:
         self._changes = system[:, :, 0].tolist()
         self._slopes = system[:, :, 1 + TouchColumn.FORCE].tolist()
 
-    def fit(self, sample: ChargeSample, log_force: float) -> FittedForce:
+    def fit(self, sample: ChargeValues | ChargeSample, log_force: float) -> FittedForce:
         """Fit the force to the charges of a sample by the Gauss-Newton method.
 
         Parameters
         ----------
-        sample : ChargeSample
+        sample : ChargeValues or ChargeSample
             Changes of the charges. Missing and clipped channels are left out.
         log_force : float
             Initial guess of the logarithm of the force.
@@ -73,23 +82,21 @@ class ForceCurve:
         FittedForce
             NaN if no channel is measured.
         """
-        measured = np.flatnonzero(sample.is_measured)
-        if not len(measured):
+        measured = self._weight_charges(sample)
+        if not measured:
             return FittedForce(math.nan, math.nan, 0)
-        weights = (1.0 / self._problem.compute_variance(sample)[measured]).tolist()
-        charges_pC = sample.charges_pC[measured].tolist()
-        channels = measured.tolist()
         chi_square = math.nan
         for _ in range(MAX_STEPS):
             changes, slopes = self._interpolate(log_force)
             chi_square = 0.0
             gradient = 0.0
             curvature = 0.0
-            for channel, charge, weight in zip(channels, charges_pC, weights, strict=True):
-                residual = charge - changes[channel]
+            for electrode, charge_pC, weight in measured:
+                slope = slopes[electrode]
+                residual = charge_pC - changes[electrode]
                 chi_square += weight * residual * residual
-                gradient += weight * slopes[channel] * residual
-                curvature += weight * slopes[channel] * slopes[channel]
+                gradient += weight * slope * residual
+                curvature += weight * slope * slope
             if curvature == 0.0:
                 break
             step = min(max(gradient / curvature, -MAX_LOG_STEP), MAX_LOG_STEP)
@@ -101,7 +108,27 @@ class ForceCurve:
                 # The chi-square falls by the product of gradient and step to first order.
                 chi_square = max(chi_square - gradient * step, 0.0)
                 break
-        return FittedForce(log_force, chi_square, len(channels) - 1)
+        return FittedForce(log_force, chi_square, len(measured) - 1)
+
+    def _weight_charges(self, sample: ChargeValues | ChargeSample) -> list[WeightedCharge]:
+        """Return the charges of the electrodes that are measured, with their weights."""
+        factors = self._problem.get_variance_factors(sample)
+        measured = []
+        for electrode, (charge_pC, unloaded_pC, noise, walk, drift_pC) in enumerate(
+            zip(
+                sample.charges_pC,
+                self._unloaded_pC,
+                sample.noise_variance,
+                sample.walk_variance,
+                sample.drift_pC,
+                strict=True,
+            )
+        ):
+            if noise < ChargeSample.MAX_VARIANCE:
+                variance = noise + walk + drift_pC * drift_pC
+                variance += factors.compute_variance(charge_pC, unloaded_pC)
+                measured.append(WeightedCharge(electrode, charge_pC, 1.0 / variance))
+        return measured
 
     def _interpolate(self, log_force: float) -> tuple[list[float], list[float]]:
         """Interpolate the changes of the charges in pC, and their derivatives.

@@ -27,7 +27,7 @@ class Hdf5Reader(NamedArrayReader):
         try:
             file = stack.enter_context(self.h5py.File(path, "r"))
         except OSError as error:
-            raise self.make_error(f"cannot be read as HDF5 ({error})") from None
+            raise self.make_format_error(error) from None
         arrays: list[NamedArray] = []
         self._add_attributes("", file)
         file.visititems(lambda name, item: self._collect(name, item, arrays))
@@ -39,18 +39,31 @@ class Hdf5Reader(NamedArrayReader):
         return any(head[place : place + 8] == SIGNATURE for place in (0, 512, 1024, 2048))
 
     def _collect(self, name: str, item: Any, arrays: list[NamedArray]) -> None:
-        """Append an item of the file to `arrays` if it is an array, and note its rates."""
+        """Append an item of the file to a list if it is an array, and set the intervals it gives.
+
+        Parameters
+        ----------
+        name : str
+            Address of the item.
+        item : h5py.Group or h5py.Dataset
+            The item: a group, an array, or a single number, which may be a rate.
+        arrays : list of NamedArray
+            The list of arrays.
+        """
         self._add_attributes(name, item)
+        if not isinstance(item, self.h5py.Dataset):
+            return
+        if item.shape == () and item.dtype.kind in "iuf":
+            group, _, own_name = name.rpartition("/")
+            self.set_interval(group, own_name, float(item[()]))
         # MATLAB keeps the parts of cells in a group of this name.
-        if isinstance(item, self.h5py.Dataset) and item.shape and not name.startswith("#refs#"):
+        if item.shape and not name.startswith("#refs#"):
             attributes = dict(item.attrs)
             is_transposed = MATLAB_ATTRIBUTE in attributes
             arrays.append(NamedArray(name, item, is_transposed, attributes))
-        elif isinstance(item, self.h5py.Dataset) and item.shape == () and item.dtype.kind in "iuf":
-            self.set_interval(name.rpartition("/")[0], name.rpartition("/")[2], float(item[()]))
 
     def _add_attributes(self, address: str, item: Any) -> None:
-        """Set the interval of a group or an array from its attributes."""
+        """Set the sampling interval of a group or an array if one of its attributes gives it."""
         for name, value in item.attrs.items():
             if getattr(value, "shape", None) in ((), (1,)) and value.dtype.kind in "iuf":
                 self.set_interval(address, name, float(value.ravel()[0]))

@@ -24,7 +24,7 @@ class MatlabReader(NamedArrayReader):
         try:
             variables = scipy_io.loadmat(path, squeeze_me=True, struct_as_record=False)
         except (ValueError, TypeError, OSError, NotImplementedError) as error:
-            raise self.make_error(f"cannot be read as a MATLAB file ({error})") from None
+            raise self.make_format_error(error) from None
         arrays: list[NamedArray] = []
         for name, value in variables.items():
             if not name.startswith("__"):
@@ -38,7 +38,17 @@ class MatlabReader(NamedArrayReader):
 
 
 def _collect(address: str, value: Any, arrays: list[NamedArray]) -> None:
-    """Append the numeric arrays in a variable, or in the fields of a struct, to `arrays`."""
+    """Append a numeric array, or those in the fields of a struct, to a list.
+
+    Parameters
+    ----------
+    address : str
+        Address of the variable or field.
+    value : object
+        Its value, as scipy returns it.
+    arrays : list of NamedArray
+        The list of arrays.
+    """
     fields = getattr(value, "_fieldnames", None)
     if fields is not None:
         for field in fields:

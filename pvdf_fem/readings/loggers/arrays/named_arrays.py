@@ -41,7 +41,7 @@ class NamedArray(NamedTuple):
 
     address: str
     samples: Any  #: Array-like of numbers, (samples,), (samples, channels), or with named columns.
-    is_transposed: bool  #: Whether the first axis of `samples` is that of channels.
+    is_transposed: bool  #: Whether the first axis of a square array is that of channels.
     attributes: Mapping[str, Any]
 
 
@@ -53,11 +53,12 @@ class _Slot(NamedTuple):
 
 
 class NamedArrayReader(LoggerReader):
-    """A reader of files with named arrays, whose base class makes them channels.
+    """A base class of readers of files with named arrays, which become channels.
 
     A two-dimensional array ``data`` has the channels ``data/0``, ``data/1`` and so on; its longer
-    axis is time. An array with named columns has those as channels. Arrays that lie in a group
-    with a single number ``fs`` or ``dt`` are sampled at that rate, see `RATE_NAMES`.
+    axis is time. An array with named columns has those as channels. If a group contains a single
+    number ``fs`` or ``dt``, that is the sampling rate or interval of all its arrays; further names
+    are in `RATE_NAMES` and `INTERVAL_NAMES`.
 
     Subclasses call `add_arrays` when a file has been opened.
     """
@@ -84,14 +85,24 @@ class NamedArrayReader(LoggerReader):
                 self._add_matrix(array)
 
     def set_interval(self, group: str, name: str, value: float) -> None:
-        """Set the sampling interval of a group to a number, if the name is that of a rate."""
+        """Set the sampling interval of a group from a number that may be its rate or interval.
+
+        Parameters
+        ----------
+        group : str
+            Address of the group.
+        name : str
+            Name of the number. Nothing is set unless it is in `RATE_NAMES` or `INTERVAL_NAMES`.
+        value : float
+            Rate in Hz, or interval in s; ignored unless it is positive.
+        """
         if name.lower() in RATE_NAMES and value > 0.0:
             self._intervals_s[group] = 1.0 / value
         if name.lower() in INTERVAL_NAMES and value > 0.0:
             self._intervals_s[group] = value
 
     def list_channels(self) -> list[LoggerChannel]:
-        """Return the channels with their units, and with the clock that their group has."""
+        """Return the channels with their units, and with the clock of the nearest group above."""
         channels = []
         for address, (array, _) in self._slots.items():
             group = array.address
@@ -109,7 +120,8 @@ class NamedArrayReader(LoggerReader):
         count = min(lengths.values())
         if max(lengths.values()) > count:
             listed = ", ".join(f"{address} {length}" for address, length in lengths.items())
-            raise self.make_error(f"channels have different numbers of samples: {listed}")
+            reason = f"channels have different numbers of samples: {listed}"
+            raise self.make_error(f"{reason}; choose others by --channels")
         for start in range(0, count, BLOCK_SAMPLES):
             stop = min(start + BLOCK_SAMPLES, count)
             yield [_read_samples(slot, start, stop) for slot in slots]
@@ -117,11 +129,12 @@ class NamedArrayReader(LoggerReader):
     def _add_named_columns(self, array: NamedArray, names: Sequence[str]) -> None:
         """Add the columns of a table with names as channels."""
         for name in names:
-            if array.samples.dtype[name].kind in "iufM" and not array.samples.dtype[name].shape:
+            dtype = array.samples.dtype[name]
+            if dtype.kind in "iufM" and not dtype.shape:
                 self._slots[f"{array.address}/{name}"] = _Slot(array, name)
 
     def _add_rate(self, array: NamedArray) -> None:
-        """Set the interval of a group from a single number in it."""
+        """Set the sampling interval of a group if an array of one number in it gives it."""
         group, _, name = array.address.rpartition("/")
         self.set_interval(group, name, float(np.ravel(array.samples[()])[0]))
 
@@ -156,17 +169,29 @@ def _count_samples(slot: _Slot) -> int:
 
 
 def _read_samples(slot: _Slot, start: int, stop: int) -> Array:
-    """Read the samples of a channel from one index to another."""
+    """Read the samples of a channel from the index `start` up to `stop`, which is excluded.
+
+    Parameters
+    ----------
+    slot : _Slot
+        The position of the channel.
+    start, stop : int
+        Indices of samples.
+    """
     array, column = slot
     samples = array.samples
     if isinstance(column, str):
         values = samples[start:stop][column]
+    elif column is not None and array.is_transposed:
+        values = samples[column, start:stop]
     elif column is not None:
-        values = samples[column, start:stop] if array.is_transposed else samples[start:stop, column]
-    elif len(samples.shape) == 2:
-        values = samples[0, start:stop] if samples.shape[0] == 1 else samples[start:stop, 0]
-    else:
+        values = samples[start:stop, column]
+    elif len(samples.shape) == 1:
         values = samples[start:stop]
+    elif samples.shape[0] == 1:  # a single row
+        values = samples[0, start:stop]
+    else:
+        values = samples[start:stop, 0]
     return _scale_values(np.asarray(values), array.attributes)
 
 

@@ -20,7 +20,7 @@ NANOSECOND_FIELDS = ("nanosec", "nsec", "nanos", "nanoseconds")
 
 
 def list_numbers(message: Any) -> list[str]:
-    """Return the addresses of the numbers in a message, without those of its stamp.
+    """Return the addresses of the numbers in a message, except those of its stamp.
 
     Parameters
     ----------
@@ -30,10 +30,11 @@ def list_numbers(message: Any) -> list[str]:
     Returns
     -------
     list of str
-        Such as ``data/0`` or ``wrench/force/z``, and ``effort/A`` if a list of the same length,
-        called ``name``, has A at that place.
+        Addresses such as ``data/0`` or ``wrench/force/z``. If a message has labels for the elements
+        of its lists (see `find_labels`), they are used in place of indices, as in ``effort/A``.
     """
-    return [address for address, _ in _walk(message, "") if not _belongs_to_stamp(address)]
+    addresses = [address for address, _ in _iterate_numbers(message, "")]
+    return [address for address in addresses if not _belongs_to_stamp(address)]
 
 
 def get_numbers(message: Any, addresses: list[str]) -> list[float]:
@@ -53,7 +54,8 @@ def get_stamp_ns(message: Any) -> int | None:
         nanoseconds = 0
         for name in NANOSECOND_FIELDS:
             nanoseconds = get_field(stamp, name) or nanoseconds
-        return int(seconds) * 10**9 + int(nanoseconds) or None
+        stamp_ns = int(seconds) * 10**9 + int(nanoseconds)
+        return None if stamp_ns == 0 else stamp_ns
     return None
 
 
@@ -70,7 +72,7 @@ def _belongs_to_stamp(address: str) -> bool:
     return first in ("header", "layout") or (first in ("stamp", "timestamp") and "/" in address)
 
 
-def _walk(value: Any, address: str) -> Iterator[tuple[str, float]]:
+def _iterate_numbers(value: Any, address: str) -> Iterator[tuple[str, float]]:
     """Yield the addresses and the values of the numbers in a value."""
     if isinstance(value, bool | np.bool_ | str | bytes):
         return
@@ -79,7 +81,7 @@ def _walk(value: Any, address: str) -> Iterator[tuple[str, float]]:
     elif _is_list(value):
         if len(value) <= MAX_LIST_LENGTH:
             for i, item in enumerate(value):
-                yield from _walk(item, f"{address}/{i}")
+                yield from _iterate_numbers(item, f"{address}/{i}")
     else:
         labels = find_labels(value)
         for name in _list_fields(value):
@@ -87,9 +89,9 @@ def _walk(value: Any, address: str) -> Iterator[tuple[str, float]]:
             field_address = f"{address}/{name}" if address else name
             if labels and _is_list(item) and len(item) == len(labels):
                 for label, element in zip(labels, item, strict=True):
-                    yield from _walk(element, f"{field_address}/{label}")
+                    yield from _iterate_numbers(element, f"{field_address}/{label}")
             else:
-                yield from _walk(item, field_address)
+                yield from _iterate_numbers(item, field_address)
 
 
 def _get_number(message: Any, address: str) -> float:

@@ -25,9 +25,9 @@ class _Topic(NamedTuple):
 class McapReader(MessageReader):
     """A reader of MCAP files by mcap, with messages of ROS 2 or in JSON.
 
-    A complete file is read in the order in which its messages were logged. A file without its end,
-    as a recorder leaves that was stopped hard, is read from its beginning in the order of the file,
-    since mcap finds no messages in it without the index at the end.
+    A complete file is read in the order in which its messages were logged. The file of a recorder
+    that was killed lacks the index at its end, without which mcap finds no messages. Such a file is
+    read in the order of its records.
     """
 
     title = "MCAP"
@@ -67,11 +67,15 @@ class McapReader(MessageReader):
                 yield StampedMessage(topic.name, message.log_time, decoded)
 
     def _read_records(self, topics: Sequence[str] | None) -> Iterator[tuple[Any, Any, Any]]:
-        """Yield schema, channel and message for each message of some topics."""
+        """Yield schema, channel and message for each message of some topics, or of all."""
         self.stream.seek(0)
         if self.is_complete:
             yield from self.reader_module.make_reader(self.stream).iter_messages(topics)
-            return
+        else:
+            yield from self._read_incomplete_file(topics)
+
+    def _read_incomplete_file(self, topics: Sequence[str] | None) -> Iterator[tuple[Any, Any, Any]]:
+        """Yield the same as `_read_records` from a file that lacks its end."""
         records = self.import_package("mcap.records")
         stream_reader = self.import_package("mcap.stream_reader")
         cut_error = self.import_package("mcap.exceptions").McapError
@@ -91,7 +95,10 @@ class McapReader(MessageReader):
             return
 
     def _find_decoder(self, schema: Any, channel: Any) -> _Topic:
-        """Return a topic with the decoder for the encoding of its messages."""
+        """Return the topic of a channel with the decoder for the encoding of its messages.
+
+        If there is no decoder, the topic is added to `skipped_topics`.
+        """
         encoding = channel.message_encoding
         if encoding == "json":
             return _Topic(channel.topic, json.loads)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,18 +34,50 @@ class StampedMessage(NamedTuple):
 
 
 class _TopicFields(NamedTuple):
-    """The topic of some channels, their addresses in its messages, and their columns."""
+    """The channels of one topic."""
 
-    addresses: list[str]
-    columns: list[int]
+    addresses: list[str]  #: Addresses of the numbers in a message.
+    columns: list[int]  #: Indices of their columns in a row.
+
+
+class _PendingRow:
+    """The row of a stamp, to which messages of several topics contribute.
+
+    Parameters
+    ----------
+    width : int
+        Number of columns.
+    topics : iterable of str
+        Topics that contribute.
+    """
+
+    def __init__(self, width: int, topics: Iterable[str]) -> None:
+        self.numbers = [np.nan] * width
+        self.awaited = set(topics)  #: Topics of which no message has come.
+
+    def add(self, topic: str, columns: Sequence[int], numbers: Sequence[float]) -> None:
+        """Add the numbers of a message.
+
+        Parameters
+        ----------
+        topic : str
+            Topic of the message.
+        columns : sequence of int
+            Indices of the columns of its numbers.
+        numbers : sequence of float
+            Numbers of the message.
+        """
+        self.awaited.discard(topic)
+        for column, number in zip(columns, numbers, strict=True):
+            self.numbers[column] = number
 
 
 class MessageReader(LoggerReader):
     """A reader of files with messages, whose subclasses open the file and read the messages.
 
     The channels are the numbers in the messages, as ``/topic/field/element``. Times are the stamps
-    in the headers of the messages, which tell when a reading was taken, or else the times at which
-    the messages were logged. Channels of several topics have a row for each stamp.
+    in the headers of the messages, at which a reading was taken, or else the times at which the
+    messages were logged. Messages of several topics with the same stamp are one row.
     """
 
     def __init__(self, path: Path, stack: ExitStack) -> None:
@@ -70,12 +102,18 @@ class MessageReader(LoggerReader):
         return [LoggerChannel(address) for address in self._channels]
 
     def find_time_channel(self, channels: Sequence[LoggerChannel]) -> LoggerChannel:
-        """Return the channel of stamps."""
+        """Return the channel of stamps; a note names the topics whose messages have none.
+
+        Parameters
+        ----------
+        channels : sequence of LoggerChannel
+            Channels with readings.
+        """
         topics = {self._channels[channel.address] for channel in channels}
         unstamped = sorted(topics - self._stamped_topics)
         if unstamped:
             listed = ", ".join(unstamped)
-            self.notes.append(f"{listed}: has no stamps; the times are those of logging")
+            self.notes.append(f"{listed}: has no stamps; times are those at which it was logged")
         return LoggerChannel(TIME_ADDRESS, "ns")
 
     def read_columns(self, addresses: Sequence[str]) -> Iterator[list[Array]]:
@@ -125,39 +163,48 @@ class MessageReader(LoggerReader):
     ) -> Iterator[tuple[int, list[float]]]:
         """Yield stamps in ns with rows of numbers, in the order of the first message of a stamp.
 
-        The rows of several topics are held until a message of each has come, or until
-        `MAX_PENDING` later stamps have; numbers of topics without one are NaN.
+        A row is yielded as soon as a message of each topic has come, or after `MAX_PENDING` later
+        stamps. Columns of topics that have sent no message by then are NaN.
+
+        Parameters
+        ----------
+        fields : dict of str to _TopicFields
+            Channels by topics.
+        width : int
+            Number of columns of a row.
         """
-        pending: dict[int, list[float]] = {}
-        awaited: dict[int, set[str]] = {}
+        pending: dict[int, _PendingRow] = {}
         has_all_stamps = self._stamped_topics >= set(fields)
         for message in self.read_messages(list(fields)):
-            of_topic = fields[message.topic]
+            addresses, columns = fields[message.topic]
             stamp_ns = message.log_time_ns
             if has_all_stamps:
                 stamp_ns = get_stamp_ns(message.content) or message.log_time_ns
-            numbers = get_numbers(message.content, of_topic.addresses)
-            if len(fields) == 1:
-                row = [np.nan] * width
-                for column, number in zip(of_topic.columns, numbers, strict=True):
-                    row[column] = number
-                yield stamp_ns, row
-                continue
-            row = pending.setdefault(stamp_ns, [np.nan] * width)
-            for column, number in zip(of_topic.columns, numbers, strict=True):
-                row[column] = number
-            awaited.setdefault(stamp_ns, set(fields)).discard(message.topic)
+            if stamp_ns not in pending:
+                pending[stamp_ns] = _PendingRow(width, fields)
+            numbers = get_numbers(message.content, addresses)
+            pending[stamp_ns].add(message.topic, columns, numbers)
             while pending:
-                oldest = next(iter(pending))
-                if awaited[oldest] and len(pending) <= MAX_PENDING:
+                oldest_ns = next(iter(pending))
+                if pending[oldest_ns].awaited and len(pending) <= MAX_PENDING:
                     break
-                del awaited[oldest]
-                yield oldest, pending.pop(oldest)
-        yield from pending.items()
+                yield oldest_ns, pending.pop(oldest_ns).numbers
+        for stamp_ns, row in pending.items():
+            yield stamp_ns, row.numbers
 
 
 def _make_columns(stamps: list[int], rows: list[list[float]], has_stamps: bool) -> list[Array]:
-    """Return the columns of rows; the first one has the stamps, if they are wanted."""
+    """Return the columns of rows.
+
+    Parameters
+    ----------
+    stamps : list of int
+        Stamps of the rows in ns.
+    rows : list of list of float
+        Numbers of the rows.
+    has_stamps : bool
+        Whether the first column is that of the stamps.
+    """
     columns: list[Array] = list(np.array(rows, dtype=float).T)
     if has_stamps:
         columns[0] = np.array(stamps, dtype=np.int64)

@@ -15,8 +15,8 @@ ZSTANDARD_MAGIC = b"\x28\xb5\x2f\xfd"  #: The first bytes of a message that is c
 class RosBagReader(MessageReader):
     """A reader of ROS 2 bags by SQLite; rosbags decodes their messages.
 
-    rosbags' own reader opens the database as one that never changes. It misses messages that are
-    still in the write-ahead log beside it, as after a crash, so SQLite opens the file here.
+    The reader of rosbags itself opens the database as one that never changes, so that it misses
+    messages that are still in the write-ahead log beside it after a crash. SQLite reads them.
     """
 
     title = "ROS 2 bag"
@@ -37,7 +37,7 @@ class RosBagReader(MessageReader):
         try:
             tables = {row[0] for row in self._execute("SELECT name FROM sqlite_master")}
         except sqlite3.Error as error:
-            raise self.make_error(f"cannot be read as SQLite ({error})") from None
+            raise self.make_format_error(error) from None
         if not {"topics", "messages"} <= tables:
             raise self.make_error("is a database, but not a bag of ROS 2; give a bag")
         if "message_definitions" in tables:
@@ -80,12 +80,13 @@ class RosBagReader(MessageReader):
             "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
         )
         for kind, encoding, text in rows:
-            parse = {
-                "ros2msg": self.types.get_types_from_msg,
-                "ros2idl": lambda text, _: self.types.get_types_from_idl(text),
-            }.get(encoding)
-            if parse is None or kind in self.store.fielddefs:
-                continue
-            definitions = parse(text, kind)
             known = self.store.fielddefs
+            if kind in known:
+                continue
+            if encoding == "ros2msg":
+                definitions = self.types.get_types_from_msg(text, kind)
+            elif encoding == "ros2idl":
+                definitions = self.types.get_types_from_idl(text)
+            else:
+                continue
             self.store.register({name: d for name, d in definitions.items() if name not in known})

@@ -14,7 +14,9 @@ from pvdf_fem.scene.drawings.curves import Curve, Side, Spline, make_elliptic_cu
 from pvdf_fem.scene.drawings.files.svg_styles import get_tag, resolve_length
 
 _PATH_CHARACTERS = re.compile(r"[^MmZzLlHhVvCcSsQqTtAaEe0-9+\-.,\s]")
-_TRANSFORM = re.compile(r"\s*(?:(?:matrix|translate|scale|rotate|skewX|skewY)\s*\([^()]*\)[\s,]*)*")
+#: SVG's functions with numbers, or angles in degrees; CSS also has lengths, which are refused.
+_FUNCTION = r"(?:matrix|translate|scale|rotate|skewX|skewY)\s*\((?:[-+\d.eE,\s]|deg)*\)[\s,]*"
+_TRANSFORM = re.compile(rf"\s*(?:{_FUNCTION})*")
 
 
 class Viewport(NamedTuple):
@@ -53,16 +55,14 @@ def parse_transform(text: str, place: str) -> Affine:
     """Parse the attribute ``transform``; raise `DrawingError` for other than SVG's functions."""
     from svgelements import Matrix
 
-    if not _TRANSFORM.fullmatch(text):
-        reason = f'{place} has transform = "{text[:60]}", which cannot be read'
-        raise DrawingError(f"{reason}; apply the transform in the drawing program")
-    matrix = Matrix(text)
     try:
-        numbers = np.array(
-            [matrix.a, matrix.c, matrix.b, matrix.d, matrix.e, matrix.f], dtype=float
-        )
-    except (TypeError, ValueError):
-        reason = f'{place} has transform = "{text[:60]}", which has lengths with units'
+        if not _TRANSFORM.fullmatch(text):
+            raise ValueError
+        matrix = Matrix(text)
+        entries = [matrix.a, matrix.c, matrix.b, matrix.d, matrix.e, matrix.f]
+        numbers = np.array(entries, dtype=float)
+    except (TypeError, ValueError, IndexError):
+        reason = f'{place} has transform = "{text[:60]}", which cannot be read'
         raise DrawingError(f"{reason}; apply the transform in the drawing program") from None
     if not np.isfinite(numbers).all():
         raise DrawingError(f"{place} has a transform that is not finite; correct it")

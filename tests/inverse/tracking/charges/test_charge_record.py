@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pvdf_fem.inverse.tracking.charges.charge_record import ChargeRecord
+from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
 from pvdf_fem.inverse.tracking.options import DEFAULTS
 from tests.helpers.tracking.baselines import make_circuit
 
@@ -36,7 +37,7 @@ def test_the_charge_of_an_excluded_channel_has_no_part_in_the_size_and_the_end(i
             record.exclude_channel(1)
         if number > 100:
             assert sample.charges_pC[1] == 0.0
-            assert not sample.is_measured[1]
+            assert sample.noise_variance[1] == ChargeSample.MISSING
             assert np.linalg.norm(record.largest.charges_pC) < 150.0
         if ended_at_s is None and record.detect_end():
             ended_at_s = time_s

@@ -14,7 +14,7 @@ _DESCRIPTION = """\
 Draw the rim, electrodes and patches at scale 1:1, for a laser cutter, a
 screen printer or a mask shop. The extension chooses the format:
   .dxf                R2010 in mm, with real circles and arcs (requires
-                      pvdf_fem[drawings])
+                      pvdf-fem[drawings])
   .svg                one user unit is 1 mm, with real circles and arcs
   .pdf                a page of the drawing's size: print it at 100 %
 The layers RIM, ELECTRODES, PATCHES and PROBE have outlines only; texts are on

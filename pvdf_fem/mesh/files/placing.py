@@ -1,0 +1,146 @@
+"""The unit and the place of a mesh, from the size and the centre of its film."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pvdf_fem.arrays import Array
+from pvdf_fem.mesh.files.content import MeshFileError
+from pvdf_fem.scene.film import Film
+
+#: Units of mesh files in m.
+UNITS_M = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "µm": 1e-6, "in": 25.4e-3}
+#: Maximum difference of width and height of films that are not discs, and maximum distance of their
+#: middles, as fractions. The vertices of a coarse mesh miss the extreme points of a curved rim: of
+#: an ellipse with 16 sides by up to 4 %. The outlines are compared afterwards.
+SIZE_SLACK = 0.2
+SHIFT_SLACK = 0.05
+# Units that need no note.
+_USUAL_UNITS = ("m", "mm")
+
+
+class Placement(NamedTuple):
+    """How coordinates of a mesh file become coordinates of the scene."""
+
+    unit_m: float  #: Size of the unit in m.
+    centre: Array  #: Centre of the film in the unit of the file, shape (2,).
+    notes: tuple[str, ...]  #: What is unusual.
+
+    def apply(self, points: Array) -> Array:
+        """Return points of the file in m about the film's centre, shape (nodes, 2)."""
+        return self.unit_m * (points - self.centre)
+
+
+def find_placement(border: Array, film: Film, slack: float) -> Placement:
+    """Find the unit and the centre of a mesh from the nodes on its boundary.
+
+    A disc about the origin is not moved, even if its centre differs by a fraction of `slack`. Films
+    of other shapes are never moved.
+
+    Parameters
+    ----------
+    border : ndarray, shape (n, 2)
+        Nodes on the boundary of the mesh, in an unknown unit.
+    film : Film
+        The film of the scene.
+    slack : float
+        Maximum relative difference of the radii of a disc.
+
+    Returns
+    -------
+    Placement
+
+    Raises
+    ------
+    MeshFileError
+        If the film has another size in every unit, or another shape or place.
+    """
+    if film.is_disc:
+        return _find_disc_placement(border, film.radius, slack=slack)
+    return _find_box_placement(border, film)
+
+
+def _find_box_placement(border: Array, film: Film) -> Placement:
+    """Find the unit of a film that is not a disc by its width and height.
+
+    The parameters and the result are those of `find_placement`.
+    """
+    left, low, right, high = film.bounds_mm
+    expected = np.array([right - left, high - low]) / 1e3
+    middle = np.array([left + right, low + high]) / 2e3
+    size = np.ptp(border, axis=0)
+    for name, unit in UNITS_M.items():
+        if np.abs(size * unit / expected - 1.0).max() > SIZE_SLACK:
+            continue
+        shift = 0.5 * (border.min(axis=0) + border.max(axis=0)) - middle / unit
+        if np.abs(shift * unit).max() > SHIFT_SLACK * expected.max():
+            x, y = shift
+            raise MeshFileError(
+                f"has its film moved by ({x:.6g}, {y:.6g}) {name} from its place in the scene;"
+                " move the mesh there"
+            )
+        return Placement(unit, np.zeros(2), _describe_unit(name))
+    width, height = size
+    raise MeshFileError(
+        f"has a film of {width:.6g} x {height:.6g}, but that of the scene is a"
+        f" {film.describe_outline()}; give it in one of the units {', '.join(UNITS_M)}, or change"
+        " the sizes of [film]"
+    )
+
+
+def _find_disc_placement(border: Array, radius_m: float, slack: float) -> Placement:
+    """Find the unit and the centre of a disc with a radius in m; see `find_placement`."""
+    reach = float(np.hypot(border[:, 0], border[:, 1]).max())
+    unit = _find_unit(reach, radius_m, slack=slack)
+    if unit is not None:
+        return Placement(UNITS_M[unit], np.zeros(2), _describe_unit(unit))
+    centre = _fit_centre(border)
+    radii = np.linalg.norm(border - centre, axis=1)
+    largest = float(radii.max())
+    unit = _find_unit(largest, radius_m, slack=slack)
+    is_round = radii.min() >= (1.0 - slack) * largest
+    x, y = centre
+    if unit is None or not is_round:
+        size = f"{largest:.6g}" if is_round else f"between {radii.min():.6g} and {largest:.6g}"
+        raise MeshFileError(
+            f"has a film with the radius {size} about ({_format(x, reach)}, {_format(y, reach)}),"
+            f" but film.radius_mm = {1e3 * radius_m:g}; give the whole film in one of the units"
+            f" {', '.join(UNITS_M)}, or change film.radius_mm"
+        )
+    moved = f"the film about ({x:.6g}, {y:.6g}) {unit} was moved to the origin"
+    return Placement(UNITS_M[unit], centre, (*_describe_unit(unit), moved))
+
+
+def _find_unit(reach: float, radius_m: float, slack: float) -> str | None:
+    """Return the name of the unit in which a length is the radius, or None if there is none."""
+    for name, unit in UNITS_M.items():
+        if abs(reach * unit / radius_m - 1.0) <= slack:
+            return name
+    return None
+
+
+def _describe_unit(name: str) -> tuple[str, ...]:
+    """Return a note on an unusual unit."""
+    return () if name in _USUAL_UNITS else (f"its unit was found to be {name}",)
+
+
+def _format(coordinate: float, reach: float) -> str:
+    """Format a coordinate of the centre, without round-off, for messages."""
+    return f"{round(coordinate / reach, 9) * reach + 0.0:.6g}"
+
+
+def _fit_centre(border: Array) -> Array:
+    """Fit the centre of a circle to points by linear least squares, shape (2,).
+
+    Notes
+    -----
+    The unknowns of |x|² = 2 c·x + d are the centre c and d = r² - |c|² (Kåsa 1976).
+    """
+    middle = border.mean(axis=0)
+    size = np.abs(border - middle).max()
+    offsets = (border - middle) / size
+    system = np.column_stack([2.0 * offsets, np.ones(len(offsets))])
+    solution, *_ = np.linalg.lstsq(system, np.square(offsets).sum(axis=1))
+    return middle + size * solution[:2]
