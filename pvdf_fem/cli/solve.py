@@ -61,7 +61,13 @@ def add_parser(commands: Any) -> None:
         "--vtu",
         metavar="FILE",
         type=Path,
-        help="write deflection, stresses and patches for ParaView",
+        help="write deflection, stresses, charge densities and patches for ParaView and pyvista",
+    )
+    parser.add_argument(
+        "--vtu-cells",
+        choices=["linear", "six-node"],
+        help="cells of --vtu: linear triangles (the default), or the curved six-node elements "
+        "themselves, which ParaView shows and integrates only roughly",
     )
     parser.add_argument(
         "--plan",
@@ -97,6 +103,8 @@ def run(options: argparse.Namespace) -> int:
     """
     errors = find_output_errors(options.vtu, [".vtu"], options.scene, options.mesh)
     errors += find_plot_errors(options, options.scene, options.mesh, options.vtu)
+    if options.vtu_cells is not None and not options.vtu:
+        errors.append("--vtu-cells: requires --vtu; add --vtu FILE, or remove it")
     if options.quantity is not None and not options.plot:
         errors.append("--quantity: requires --plot; add --plot FILE, or remove it")
     if options.plan:
@@ -125,7 +133,7 @@ def run(options: argparse.Namespace) -> int:
     converged = solution.status is Status.CONVERGED
     try:
         if converged and options.vtu:
-            solution.to_vtu(options.vtu)
+            solution.to_vtu(options.vtu, options.vtu_cells or "linear")
         if converged and options.plot:
             save_plot(solution.plot(quantity), options)
     finally:  # print the charges even if a file cannot be written

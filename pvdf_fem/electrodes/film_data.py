@@ -25,6 +25,7 @@ class FilmData:
     unknowns: int
     charges_pC: dict[str, float]  #: Charge of each electrode by its name.
     charge_errors_pC: dict[str, float]  #: Estimated error of each charge by the electrode's name.
+    rest_charges_pC: dict[str, float]  #: Charge of each electrode without load; may be NaN.
     contacts: dict[str, ContactResult]  #: Contact of each rigid tip, by the name of its subdomain.
     #: Descriptions of the effects beyond the plain membrane that the solution includes.
     included: Sequence[str]

@@ -212,6 +212,40 @@ def evaluate_in_elements(equilibrium: Equilibrium, state: State, local: Array) -
     return _make_point_values(equilibrium, values, x=x, y=y)
 
 
+def evaluate_in_pairs(
+    equilibrium: Equilibrium, state: State, elements: Indices, local: Array
+) -> PointValues:
+    """Evaluate a solution at one local point in each of some elements.
+
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+        Equations of the whole film.
+    state : State
+        Solution of `equilibrium`.
+    elements : ndarray of int, shape (n,)
+        Numbers of the elements, which may be repeated.
+    local : ndarray, shape (n, 2)
+        Local coordinates of a point in each of these elements.
+
+    Returns
+    -------
+    PointValues
+        Values whose arrays begin with the axis (n,). At a side of elements they are those of the
+        given element.
+    """
+    parts = [np.empty((len(ElementValues._fields), 0, 3))]
+    for first in range(0, len(elements), POINTS_AT_ONCE):
+        rows = slice(first, first + POINTS_AT_ONCE)
+        values = _evaluate_local_points(
+            equilibrium, state, elements=elements[rows], local=local[rows].T[:, :, None]
+        )
+        parts.append(np.stack(values)[:, :, 0])
+    combined = ElementValues(*np.concatenate(parts, axis=1))
+    x, y = combined.points_mm[:, :2].T
+    return _make_point_values(equilibrium, combined, x=x, y=y)
+
+
 def _make_point_values(
     equilibrium: Equilibrium, values: ElementValues, *, x: Array, y: Array
 ) -> PointValues:

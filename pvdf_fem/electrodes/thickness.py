@@ -26,9 +26,30 @@ def compute_thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
         Charges in C: -d33/2 times the force that presses on each electrode. Zero for a film without
         d33.
     """
-    mesh = equilibrium.space.mesh
+    subdomains = equilibrium.space.mesh.subdomains
+    by_element = compute_element_thickness_charges(equilibrium, state)
+    on_electrodes = []
+    for electrode in equilibrium.scene.electrode_list:
+        elements = subdomains[make_subdomain_name(electrode.name)]
+        on_electrodes.append(by_element[elements].sum())
+    return np.array(on_electrodes)
+
+
+def compute_element_thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
+    """Compute the charges that loads on the film's face cause in every element through d33.
+
+    Parameters
+    ----------
+    equilibrium, state
+        See `compute_thickness_charges`; the mesh need not follow electrodes.
+
+    Returns
+    -------
+    ndarray, shape (elements,)
+        Charges in C.
+    """
     unbalanced_forces = equilibrium.unbalanced_forces(state)
-    pressing = np.zeros(mesh.nelements)
+    pressing = np.zeros(equilibrium.space.mesh.nelements)
     for term in equilibrium.terms:
         if not isinstance(term, LoadTerm):
             continue
@@ -36,9 +57,5 @@ def compute_thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
         if pressed is not None:
             elements, forces = pressed
             pressing[elements] += forces
-    on_electrodes = []
-    for electrode in equilibrium.scene.electrode_list:
-        elements = mesh.subdomains[make_subdomain_name(electrode.name)]
-        on_electrodes.append(pressing[elements].sum())
     d33_pC_N = equilibrium.film.d33_pC_N or 0.0
-    return -0.5e-12 * d33_pC_N * np.array(on_electrodes)
+    return -0.5e-12 * d33_pC_N * pressing

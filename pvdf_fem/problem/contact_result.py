@@ -9,7 +9,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.film.loads.contact_edge import POORER_DEGREE, locate_contact_edge
-from pvdf_fem.film.loads.rigid_tip import RigidTip
+from pvdf_fem.film.loads.rigid_tip import Overlap, RigidTip
 from pvdf_fem.film.term import State
 from pvdf_fem.problem.equilibrium import Equilibrium
 
@@ -77,7 +77,7 @@ class ContactResult:
         area_ratio = np.linalg.det(state.deformation_gradient[..., :2, :])
         projected_area = correction * float((touching_weights * area_ratio).sum())
 
-        pressure = tip.compute_pressure(state, thickness)
+        pressure = _compute_pressure_of_state(tip, state, thickness)
         return cls(
             depth_mm=1e3 * overlap.depth,
             force_N=force,
@@ -121,5 +121,54 @@ def compute_contact_pressure(equilibrium: Equilibrium, state: State) -> Array:
     """
     total = np.zeros(equilibrium.space.weights.shape)
     for tip in select_tips(equilibrium):
-        total += tip.compute_pressure(state, equilibrium.film.thickness)
+        total += _compute_pressure_of_state(tip, state, equilibrium.film.thickness)
     return total
+
+
+def _compute_pressure_of_state(tip: RigidTip, state: State, thickness: float) -> Array:
+    """Compute the pressure of a tip at the quadrature points in Pa, shape (elements, points)."""
+    return compute_tip_pressure(
+        tip.overlap(state),
+        state.deformation_gradient,
+        stress=state.stress,
+        thickness=thickness,
+    )
+
+
+def compute_tip_pressure(
+    overlap: Overlap, deformation_gradient: Array, *, stress: Array, thickness: float
+) -> Array:
+    """Compute the pressure of a tip on the deformed film.
+
+    Parameters
+    ----------
+    overlap : Overlap
+        The overlap of film and tip at n rows of points.
+    deformation_gradient : ndarray, shape (n, points, 3, 2)
+        Deformation gradient F there.
+    stress : ndarray, shape (n, points, 3)
+        Stress of all plies in Pa there, as in `State.stress`.
+    thickness : float
+        The film's thickness in m.
+
+    Returns
+    -------
+    ndarray, shape (n, points)
+        Pressure per deformed area in Pa; 0 where the film does not touch.
+
+    Notes
+    -----
+    The film on the tip has the tip's curvature. Equilibrium normal to the tip's surface gives the
+    pressure per undeformed area p = h S : Fᵀ H F / √(1 + slope²), with the thickness h, the stress
+    S, the in-plane rows of F, and Hessian H and slope of the tip's height. It is smoother than the
+    tractions of the penalty.
+    """
+    F = deformation_gradient
+    curvature = np.einsum("epia,epij,epjb->epab", F[..., :2, :], overlap.hessian, F[..., :2, :])
+    S11, S22, S12 = np.moveaxis(stress, -1, 0)
+    across = S11 * curvature[..., 0, 0] + S22 * curvature[..., 1, 1]
+    across += 2.0 * S12 * curvature[..., 0, 1]
+    steepness = np.sqrt((overlap.rates**2).sum(axis=-1))
+    area_ratio = np.linalg.norm(np.cross(F[..., 0], F[..., 1]), axis=-1)
+    pressure = thickness * across / steepness / area_ratio
+    return np.where(overlap.is_touching, pressure, 0.0)

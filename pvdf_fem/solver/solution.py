@@ -376,11 +376,28 @@ class Solution(ElectrodeCharges):
         columns = {name: getattr(self, name) for name in names}
         return DataFrame(columns).rename_axis("electrode")
 
-    def to_vtu(self, path: str | Path) -> None:
-        """Write displacement, stresses, patches, charges and the scene to a VTU file."""
-        from pvdf_fem.view.export import write_vtu
+    def to_vtu(self, path: str | Path, cells: Literal["linear", "six-node"] = "linear") -> None:
+        """Write displacement, stresses, charge densities, patches and the scene to a VTU file.
 
-        write_vtu(self.film_data(), coerce("path", path, Path))
+        Parameters
+        ----------
+        path : path
+            File to write, with the extension ``.vtu``.
+        cells : {"linear", "six-node"}, optional
+            ``"linear"`` writes linear triangles that tile the curved elements, which VTK, ParaView
+            and pyvista sample and integrate right. ``"six-node"`` writes the elements themselves.
+
+        Raises
+        ------
+        FileError
+            If the path has another extension, or if the file cannot be written.
+        ValueError
+            If `cells` is none of the two.
+        """
+        from pvdf_fem.view.files.vtu import VtuCells, write_vtu
+
+        cells = coerce("cells", cells, VtuCells)
+        write_vtu(self.film_data(), coerce("path", path, Path), cells)
 
     def film_data(self) -> FilmData:
         """Return the fields and charges that `plot`, `view` and `to_vtu` show.
@@ -397,6 +414,7 @@ class Solution(ElectrodeCharges):
             unknowns=self.unknowns,
             charges_pC=self.charges_pC,
             charge_errors_pC=self.charge_errors_pC,
+            rest_charges_pC=self.rest_charges_pC,
             contacts=self.contacts,
             included=self.included,
             error_contributions=partial(

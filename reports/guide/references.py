@@ -61,7 +61,8 @@ INTERNAL = (
     *("find_unused_load_keys", "require_no_tips", "require_plain_charges", "require_rows"),
     *("discrete", "unloaded_integrals", "quantity_names", "make_empty", "store", "from_state"),
     *("is_fast", "with_measured_error", "stress_modes", "validation"),
-    *("unloaded_scene", "unloaded_stress", "unloaded_outputs", "check_profiles", "with_scene"),
+    *("unloaded_scene", "unloaded_stress", "unloaded_outputs", "checked_loads", "resolve"),
+    *("with_scene",),
 )
 
 

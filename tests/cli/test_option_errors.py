@@ -80,6 +80,7 @@ WRONG_LINES = [
     ("locate scene.toml --charges A=1 --reading total", ["--reading"]),
     ("locate scene.toml --charges A=1 --or disc.toml --model a.response", ["--model"]),
     ("solve scene.toml --quantity stress", ["--quantity"]),
+    ("solve scene.toml --vtu-cells six-node", ["--vtu-cells"]),
     ("solve scene.toml --plan --plot b.svg --vtu b.vtu", ["--plan", "--plan"]),
     ("solve bare.toml --plot a.svg --quantity contact", ["--quantity"]),
     # names

@@ -41,7 +41,7 @@ SOFTNESS_STEP = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Overlap:
-    """The overlap of film and tip at the quadrature points of all elements."""
+    """The overlap of film and tip at rows of points, such as the quadrature points of elements."""
 
     depth: float  #: Depth of the tip's lowest point in m.
     #: The overlap in m, negative for a gap, -inf where no tip can press, shape (elements, points).
@@ -200,14 +200,20 @@ class RigidTip(ProbeLoad):
 
         It is -inf below a flat face, and everywhere if only a mirror image of the tip presses.
         """
-        points = self.compute_deformed_points(x)
+        return self.overlap_at(self.compute_deformed_points(x), x)
+
+    def overlap_at(self, points: Array, x: Array) -> Overlap:
+        """Compute the overlap at points of the film displaced by the dofs `x`.
+
+        The points are given by their positions in m on the displaced film, shape (n, points, 3).
+        """
+        depth = self._find_depth(x)
         frame = self.sector.frame
         shape = points.shape[:2]
         height = self.tip.compute_height(points[..., :2].reshape(-1, 2) @ frame)
         rates = -np.ones((*shape, 3))
         rates[..., :2] = -(height.slope @ frame.T).reshape(*shape, 2)
         hessian = (frame @ height.hessian @ frame.T).reshape(*shape, 2, 2)
-        depth = self._find_depth(x)
         heights = height.value.reshape(shape)
         value = depth - heights - points[..., 2]
         if self.tip.face is not None:  # flat film under a flat face bears no pressure
@@ -413,36 +419,3 @@ class RigidTip(ProbeLoad):
         Return them in m, in the axes of the scene, shape (n, 2).
         """
         return self.space.quadrature_points[self.overlap(state).is_touching] @ self.sector.frame
-
-    def compute_pressure(self, state: State, thickness: float) -> Array:
-        """Compute the pressure on the deformed film.
-
-        Parameters
-        ----------
-        state : State
-            The state of the film.
-        thickness : float
-            The film's thickness in m.
-
-        Returns
-        -------
-        ndarray, shape (elements, points)
-            Pressure per deformed area in Pa; 0 where the film does not touch.
-
-        Notes
-        -----
-        The film on the tip has the tip's curvature. Equilibrium normal to the tip's surface gives
-        the pressure per undeformed area p = h S : Fᵀ H F / √(1 + slope²), with the thickness h, the
-        stress S, the in-plane rows of the deformation gradient F, and Hessian H and slope of the
-        tip's height. It is smoother than the tractions of the penalty.
-        """
-        overlap = self.overlap(state)
-        F = state.deformation_gradient
-        curvature = np.einsum("epia,epij,epjb->epab", F[..., :2, :], overlap.hessian, F[..., :2, :])
-        S11, S22, S12 = np.moveaxis(state.stress, -1, 0)
-        across = S11 * curvature[..., 0, 0] + S22 * curvature[..., 1, 1]
-        across += 2.0 * S12 * curvature[..., 0, 1]
-        steepness = np.sqrt((overlap.rates**2).sum(axis=-1))
-        area_ratio = np.linalg.norm(np.cross(F[..., 0], F[..., 1]), axis=-1)
-        pressure = thickness * across / steepness / area_ratio
-        return np.where(overlap.is_touching, pressure, 0.0)
