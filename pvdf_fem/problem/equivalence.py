@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.mesh.symmetry import classify_isotropy
 from pvdf_fem.problem.problem import Problem
+from pvdf_fem.problem.symmetry import classify_isotropy
 from pvdf_fem.scene.keys import Affects, select_by_effect
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import LENGTH_TOLERANCE, Outline

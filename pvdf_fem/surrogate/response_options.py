@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.mesh.symmetry import classify_isotropy
+from pvdf_fem.problem.symmetry import classify_isotropy
 from pvdf_fem.scene.registry import FILM_LOAD_CLASSES
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import format_error

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pvdf_fem import Scene, SceneError, build_response, solve
-from pvdf_fem.mesh.symmetry import find_symmetry_sector
 from pvdf_fem.problem.equivalence import compute_mechanical_key
 from pvdf_fem.problem.problem import Problem
+from pvdf_fem.problem.symmetry import find_symmetry_sector
 from pvdf_fem.scene.outlines.outline import is_within
 from pvdf_fem.view.files.mesh_files import write_mesh
 from tests.helpers.refusals import keys, refused
