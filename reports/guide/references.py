@@ -35,6 +35,8 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "pvdf_fem.dynamics.frequency_response.FrequencyResponse",
         "pvdf_fem.dynamics.transient.Transient",
         "pvdf_fem.inverse.calibration.calibration.Calibration",
+        "pvdf_fem.studies.decks.write_deck.Deck",
+        "pvdf_fem.studies.decks.compare_deck.DeckComparison",
         "pvdf_fem.inverse.touch.location.Location",
         "pvdf_fem.inverse.touch.touch.Touch",
         "pvdf_fem.inverse.touch.touches.Touches",
