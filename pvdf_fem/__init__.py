@@ -10,7 +10,8 @@ About one solution
     `gradients` computes the derivatives of the charges, and `uncertainty` their standard deviations
     due to uncertain values of the scene. `modes` computes the frequencies of the film, `respond`
     the charges of an oscillating force by frequency, and `transient` the charges by time of a force
-    such as a `half_sine` or a `step`.
+    such as a `half_sine` or a `step`. `write_deck` writes a scene as an input deck of CalculiX or
+    Abaqus, and `compare_deck` compares the results of CalculiX with the charges.
 Many scenes
     `sweep` solves a grid of scenes. `Report` makes a page of figures and tables from a script.
 From known touches to the sensor
@@ -53,6 +54,8 @@ if TYPE_CHECKING:
     from pvdf_fem.solver.sensitivity.uncertainty import uncertainty
     from pvdf_fem.solver.solution import Solution
     from pvdf_fem.solver.solve import solve
+    from pvdf_fem.studies.decks.compare_deck import compare_deck
+    from pvdf_fem.studies.decks.write_deck import write_deck
     from pvdf_fem.studies.design import design
     from pvdf_fem.studies.sweep import sweep
     from pvdf_fem.studies.touch_dataset import dataset
@@ -73,6 +76,7 @@ __all__ = [
     "Tracker",
     "build_response",
     "calibrate",
+    "compare_deck",
     "dataset",
     "design",
     "draw",
@@ -87,6 +91,7 @@ __all__ = [
     "sweep",
     "transient",
     "uncertainty",
+    "write_deck",
 ]
 __version__ = "0.1.0"
 
@@ -104,6 +109,7 @@ _MODULES = {
     "Tracker": "inverse.tracking.tracker",
     "build_response": "surrogate.response_builder",
     "calibrate": "inverse.calibration.calibrate",
+    "compare_deck": "studies.decks.compare_deck",
     "dataset": "studies.touch_dataset",
     "design": "studies.design",
     "draw": "view.drawings.draw",
@@ -118,6 +124,7 @@ _MODULES = {
     "sweep": "studies.sweep",
     "transient": "dynamics.transient",
     "uncertainty": "solver.sensitivity.uncertainty",
+    "write_deck": "studies.decks.write_deck",
 }
 
 

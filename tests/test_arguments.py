@@ -69,6 +69,8 @@ CALLS = {
     "locate_many": "m, [[9.0, 7.0, 6.0, 6.0]]",
     "design": "S, {'load.force_N': [1.0]}",
     "dataset": "S",
+    "write_deck": "s, 'none.inp'",
+    "compare_deck": "s, 'none.dat'",
     "draw": "S, 'none.svg'",
     "Tracker": "m",
     "Solution.at": "s, 0.0, 0.0",

@@ -43,6 +43,7 @@ _MODULES = {
     "keys": "pvdf_fem.cli.texts",
     "solve": "pvdf_fem.cli.solve",
     "mesh": "pvdf_fem.cli.files.mesh",
+    "deck": "pvdf_fem.cli.files.deck",
     "draw": "pvdf_fem.cli.files.draw",
     "modes": "pvdf_fem.cli.modes",
     "respond": "pvdf_fem.cli.respond",

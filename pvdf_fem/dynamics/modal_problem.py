@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from skfem import MeshTri2
 
 from pvdf_fem.dynamics.spectrum import EquilibriumState, Spectrum, compute_spectra
 from pvdf_fem.film.bending.effect import choose_layer_size, estimate_bending_effect
@@ -129,12 +128,13 @@ class ModalProblem:
         """
         loop = AdaptiveLoop(
             self.problem,
-            self.choose_first_sizes,
-            self.solve_modes_on,
-            self.choose_next_sizes,
-            self.budget,
-            self.timer,
-            UNKNOWNS_PER_ELEMENT[2],
+            order=max(2, self.problem.film.kinematics.lowest_order + 1),
+            first_sizes=self.choose_first_sizes,
+            solve_equations=self.solve_modes,
+            next_sizes=self.choose_next_sizes,
+            budget=self.budget,
+            timer=self.timer,
+            unknowns_per_element=UNKNOWNS_PER_ELEMENT[2],
         )
         return loop.run()
 
@@ -182,21 +182,19 @@ class ModalProblem:
         self.sizes = self.sizes.scale(float(np.clip(by_error, smallest, 0.8)))
         return self.sizes
 
-    def solve_modes_on(self, mesh: MeshTri2, coarser: ModalLevel | None) -> ModalLevel:
+    def solve_modes(self, coarse: Equilibrium, coarser: ModalLevel | None) -> ModalLevel:
         """Solve for the modes on a mesh, with their errors from elements of the next order.
 
         If there is no equilibrium or there are no modes, the status of the level says why.
 
         Parameters
         ----------
-        mesh : MeshTri2
-            Mesh of six-node triangles.
+        coarse : Equilibrium
+            Equations on the mesh.
         coarser : ModalLevel or None
             Not used; `AdaptiveLoop` passes the level on the previous mesh.
         """
-        order = max(2, self.problem.film.kinematics.lowest_order + 1)
-        coarse = Equilibrium(self.problem, mesh, order)
-        rich = Equilibrium(self.problem, mesh, order + 1)
+        rich = coarse.at_order(coarse.space.order + 1)
         q = np.zeros(coarse.unknowns.count)
         rich_q = np.zeros(rich.unknowns.count)
         iterations = 0

@@ -36,6 +36,8 @@ from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.summary import Result, Summary
 
+#: Choices of a problem that are made when they are first needed.
+LATER_CHOICES = ("outputs", "sector", "checked_loads")
 #: Tables of a scene that the unloaded film does not have.
 LOADED_TABLES = ("probe", "readout", "stage", "air", "model", "uncertain")
 
@@ -47,7 +49,7 @@ class Problem(Result):
     Every choice that a scene leaves open is made here and nowhere else: whether the film is a
     membrane, a plate or a tension field, which voltages act on it, which loads press, which charges
     are computed, and which sector of a symmetric film represents the whole. All choices but the
-    first are made when they are first needed, and cached.
+    first are made when they are first needed, or by `resolve`, and cached.
 
     Attributes
     ----------
@@ -115,10 +117,29 @@ class Problem(Result):
         """
         return replace(self, scene=scene, film=resolve_film_model(scene))
 
+    def resolve(self) -> None:
+        """Make all choices now, so that errors are reported before anything is meshed.
+
+        Raises
+        ------
+        SceneError
+            For a pressure profile that is negative or not finite under its probe, or whose file
+            cannot be read.
+        """
+        for choice in LATER_CHOICES:
+            getattr(self, choice)
+
     @cached_property
     def loads(self) -> tuple[LoadSpec, ...]:
         """The loaded probes with their profiles, contact estimates and auxiliary nodes."""
         return make_load_specs(self.scene, self.pressure)
+
+    @cached_property
+    def checked_loads(self) -> tuple[LoadSpec, ...]:
+        """The loads, after every pressure profile was evaluated under its probe; see `resolve`."""
+        for load in self.loads:
+            make_profile(load).mean(load.outline.equal_area_polygon)
+        return self.loads
 
     @cached_property
     def floating_electrodes(self) -> tuple[FloatingElectrode, ...]:
@@ -194,18 +215,6 @@ class Problem(Result):
     def unloaded_outputs(self) -> tuple[Output, ...]:
         """Outputs of the problem of the unloaded film: electrodes without voltages."""
         return self._unloaded.outputs
-
-    def check_profiles(self) -> None:
-        """Evaluate every pressure profile under its probe, to report an unusable one early.
-
-        Raises
-        ------
-        SceneError
-            For a profile that is negative or not finite under its probe, or whose file cannot be
-            read.
-        """
-        for load in self.loads:
-            make_profile(load).mean(load.outline.equal_area_polygon)
 
     def describe_effects(self, charges_pC: Charges = None) -> Effects:
         """Describe the effects beyond the plain membrane, with estimates of their sizes.

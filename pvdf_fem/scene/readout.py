@@ -49,7 +49,9 @@ def _check_channel_names(channels: dict[str, str]) -> ByName[str]:
     owners: dict[str, str] = {}
     for name, address in channels.items():
         if not address.strip():
-            raise make_validation_error(f"has no name for {name}; give such as Group/ai0")
+            raise make_validation_error(
+                f"has no name for {name}; give its channel, such as Group/ai0"
+            )
         if address in owners:
             reason = f"has {address!r:.60} for {owners[address]} and {name}"
             raise make_validation_error(f"{reason}; give a channel for each electrode")

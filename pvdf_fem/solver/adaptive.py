@@ -26,8 +26,8 @@ from pvdf_fem.electrodes.unloaded import compute_uniform_integrals
 from pvdf_fem.film.loads.contact_edge import measure_contact_outlines
 from pvdf_fem.film.loads.contact_estimate import estimate_tip_outlines
 from pvdf_fem.mesh.gmsh_mesh import MeshError
-from pvdf_fem.mesh.symmetry import WHOLE_FILM
 from pvdf_fem.problem.contact_result import select_tips
+from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.outputs import get_piezo_coefficients
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import Outline
@@ -226,16 +226,19 @@ def solve_outputs(
     SceneError
         If a mesh is given and the scene has tips, whose contacts a mesh has to follow.
     """
-    problem.check_profiles()
+    problem.resolve()
     if mesh is not None:
         problem.scene.require_no_tips("a mesh that is given")
     if budget is None:
         budget = Budget.for_problem(problem)
     logger.info("solve a %s with %d outputs", problem.film_model_name, len(problem.outputs))
-    run = SolveRun(problem, order, budget=budget, timer=StageTimer())
-    loop = _make_adaptive_loop(run, is_mesh_given=mesh is not None)
+    run = SolveRun(problem, budget, timer=StageTimer())
+    loop = _make_adaptive_loop(run, order)
     if mesh is not None:
-        level = loop.solve_on_given_mesh(mesh, coarser=None, start=time.perf_counter())
+        start = time.perf_counter()
+        with run.timer("solve"):
+            equilibrium = Equilibrium(problem, mesh, order)
+        level = loop.solve_and_record(equilibrium, coarser=None, start=start)
         return _make_solution(level, Stop.GIVEN_MESH, loop.history)
     try:
         level, stop = loop.run()
@@ -258,23 +261,19 @@ def solve_outputs(
     return _make_solution(level, stop, loop.history)
 
 
-def _make_adaptive_loop(run: SolveRun, *, is_mesh_given: bool) -> AdaptiveLoop[MeshLevel]:
-    """Make the adaptive loop of a solve, on a sector of the film unless a mesh is given."""
+def _make_adaptive_loop(run: SolveRun, order: int) -> AdaptiveLoop[MeshLevel]:
+    """Make the adaptive loop of a solve in elements of an order."""
     problem = run.problem
-    sector = WHOLE_FILM if is_mesh_given else problem.sector
-
-    def solve_on(mesh: MeshTri2, coarser: MeshLevel | None) -> MeshLevel:
-        return solve_on_mesh(run, mesh, sector=sector, coarser=coarser)
-
     return AdaptiveLoop(
         problem,
-        first_sizes=partial(choose_first_sizes, problem, run.order),
-        solve_on=solve_on,
+        order,
+        first_sizes=partial(choose_first_sizes, problem, order),
+        solve_equations=partial(solve_on_mesh, run),
         next_sizes=choose_next_sizes,
         budget=run.budget,
         timer=run.timer,
-        unknowns_per_element=UNKNOWNS_PER_ELEMENT[run.order],
-        sector=sector,
+        unknowns_per_element=UNKNOWNS_PER_ELEMENT[order],
+        sector=problem.sector,
         find_contacts=partial(_find_contact_outlines, problem),
     )
 

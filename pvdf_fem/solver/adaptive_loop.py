@@ -9,11 +9,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Generic, Protocol, TypeVar
 
-from skfem import MeshTri2
-
 from pvdf_fem.mesh.gmsh_mesh import MeshError, mesh_scene
 from pvdf_fem.mesh.size_field import GradedSizes, SizeField
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
+from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.solver.history import MeshRecord, StageTimer, Stop
@@ -104,14 +103,15 @@ class AdaptiveLoop(Generic[T]):
     """Solver of a problem on a sequence of meshes, generic in the kind of solve on each mesh."""
 
     problem: Problem
+    order: int  #: Polynomial order of the displacement.
     #: Returns the element sizes of the first mesh.
     first_sizes: Callable[[], GradedSizes | SizeField]
-    #: Solves on a mesh, given the solve on the mesh before or None.
-    solve_on: Callable[[MeshTri2, T | None], T]
+    #: Solves the equations on a mesh, given the solve on the mesh before or None.
+    solve_equations: Callable[[Equilibrium, T | None], T]
     #: Returns the sizes of the next mesh for a level, a target error and a maximum of unknowns.
     next_sizes: Callable[[T, float, float], GradedSizes | SizeField]
-    budget: Budget  #: Limits of unknowns and work; `solve_on` adds the work.
-    timer: StageTimer  #: Receives the times of the stages ``mesh`` and ``refine``.
+    budget: Budget  #: Limits of unknowns and work; `solve_equations` adds the work.
+    timer: StageTimer  #: Receives the times of the stages ``mesh``, ``solve`` and ``refine``.
     unknowns_per_element: float  #: Average number of unknowns per element.
     #: The symmetry sector that is meshed.
     sector: SymmetrySector = WHOLE_FILM
@@ -229,7 +229,9 @@ class AdaptiveLoop(Generic[T]):
             )
         if coarser is None:
             self._require_affordable_mesh(mesh.nelements)
-        return self.solve_on_given_mesh(mesh, coarser=coarser, start=start)
+        with self.timer("solve"):
+            equilibrium = Equilibrium(self.problem, mesh, self.order, sector=self.sector)
+        return self.solve_and_record(equilibrium, coarser=coarser, start=start)
 
     def _require_affordable_mesh(self, elements: float, overestimate: float = 1.0) -> None:
         """Raise `TooManyUnknownsError` if a mesh certainly exceeds the budget.
@@ -247,22 +249,22 @@ class AdaptiveLoop(Generic[T]):
             allowed = f"numerics.max_seconds allows {budget.max_seconds:g} s of work"
             raise TooManyUnknownsError(unknowns, allowed, Stop.SECONDS)
 
-    def solve_on_given_mesh(self, mesh: MeshTri2, *, coarser: T | None, start: float) -> T:
-        """Solve on a mesh, and append a record to the history.
+    def solve_and_record(self, equilibrium: Equilibrium, *, coarser: T | None, start: float) -> T:
+        """Solve the equations on a mesh, and append a record to the history.
 
         Parameters
         ----------
-        mesh : MeshTri2
-            Mesh of the sector in m.
+        equilibrium : Equilibrium
+            The equations on the mesh.
         coarser : Level or None
             The solve on the mesh before; None for the first mesh.
         start : float
             Value of `time.perf_counter` before meshing, for the recorded time.
         """
-        level = self.solve_on(mesh, coarser)
+        level = self.solve_equations(equilibrium, coarser)
         failed = [(a.solver, str(a.status), a.iterations) for a in level.failed_attempts]
         record = MeshRecord(
-            elements=mesh.nelements,
+            elements=equilibrium.space.mesh.nelements,
             unknowns=level.unknowns,
             iterations=level.iterations,
             worst_error=level.worst if level.status is Status.CONVERGED else None,

@@ -65,22 +65,20 @@ def choose_first_sizes(problem: Problem, order: int) -> GradedSizes:
     contacts = estimate_contact_outlines(scene)
     outlines = collect_outlines(scene) | contacts
     relative_sizes = _choose_relative_sizes(scene, outlines)
-    patches = {}
-    for name, outline in outlines.items():
-        size = relative_sizes[name] * outline.area / outline.perimeter
-        patches[name] = max(size, outline.perimeter / OUTLINE_ELEMENTS)
 
     # the error is proportional to the sizes to the power order + 1
     excess = scene.numerics.tolerance / REACHED_ERRORS[order]
     factor = excess ** (1.0 / (order + 1.0))
     factor = float(np.clip(factor, SMALLEST_FACTOR, LARGEST_FACTOR))
-    sizes = GradedSizes(patches, growth, film=largest * scene.film.radius)
-    sizes = sizes.scale(problem.film.mesh_policy.size_factor * factor)
+    factor = problem.film.mesh_policy.size_factor * factor
 
-    contact_sizes = {}
+    patches = {}
+    for name, outline in outlines.items():
+        size = relative_sizes[name] * outline.area / outline.perimeter
+        patches[name] = factor * max(size, outline.perimeter / OUTLINE_ELEMENTS)
     for name, outline in contacts.items():
-        contact_sizes[name] = min(outline.perimeter / CONTACT_ELEMENTS, sizes.patches[name])
-    sizes = replace(sizes, patches=sizes.patches | contact_sizes)
+        patches[name] = min(outline.perimeter / CONTACT_ELEMENTS, patches[name])
+    sizes = GradedSizes(patches, factor * growth, film=factor * (largest * scene.film.radius))
     return _resolve_bending_layers(scene, sizes) if problem.film.bends else sizes
 
 

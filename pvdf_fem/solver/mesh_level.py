@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 from scipy.sparse.linalg import SuperLU
-from skfem import MeshTri2
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.stress_integrals import (
@@ -30,7 +29,6 @@ from pvdf_fem.film.loads.load_classes import find_rigid_elements
 from pvdf_fem.film.space import transfer_dofs
 from pvdf_fem.film.unknowns import make_prolongation
 from pvdf_fem.mesh.size_field import SizeField, compute_refined_sizes
-from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.outputs import Output, get_piezo_coefficients
 from pvdf_fem.problem.problem import Problem
@@ -69,10 +67,9 @@ MAX_DUALS = 32
 
 @dataclass(frozen=True, eq=False)
 class SolveRun:
-    """The problem, order, budget and timer that the solves on all meshes have in common."""
+    """The problem, budget and timer that the solves on all meshes have in common."""
 
     problem: Problem
-    order: int  #: Polynomial order of the displacement.
     budget: Budget
     timer: StageTimer
 
@@ -150,22 +147,16 @@ class MeshLevel:
 
 
 def solve_on_mesh(
-    run: SolveRun,
-    mesh: MeshTri2,
-    *,
-    sector: SymmetrySector = WHOLE_FILM,
-    coarser: MeshLevel | None = None,
+    run: SolveRun, equilibrium: Equilibrium, coarser: MeshLevel | None = None
 ) -> MeshLevel:
     """Find the equilibrium on a mesh and, if it converges, estimate the errors of the charges.
 
     Parameters
     ----------
     run : SolveRun
-        Problem and order; the work is added to its budget and the time to its timer.
-    mesh : MeshTri2
-        Mesh of the sector in m.
-    sector : SymmetrySector, optional
-        The symmetry sector that the mesh covers; the whole film by default.
+        The problem; the work is added to its budget and the time to its timer.
+    equilibrium : Equilibrium
+        The equations of the problem on the mesh.
     coarser : MeshLevel, optional
         The solve on a coarser mesh, for the initial guess; ignored if the film wrinkles or is
         compressed.
@@ -176,12 +167,10 @@ def solve_on_mesh(
         The status says whether it converged. If it did not, or if the flat film is the solution,
         the errors are zero and there is no correction.
     """
-    problem = run.problem
     with run.timer("solve"):
-        equilibrium = Equilibrium(problem, mesh, run.order, sector=sector)
         result = _find_equilibrium_on_mesh(run, equilibrium, coarser)
         run.budget.spend(equilibrium, result.tangent_count)
-        values = _evaluate_stress_integrals(problem.outputs, equilibrium, result.q)
+        values = _evaluate_stress_integrals(run.problem.outputs, equilibrium, result.q)
     integrals = StressIntegrals(values, np.zeros_like(values))
     discrete = DiscreteSolution(equilibrium, result.q, integrals)
     level = MeshLevel(run, equilibrium, result=result, discrete=discrete)
@@ -445,4 +434,4 @@ def choose_next_sizes(level: MeshLevel, tolerance: float, max_unknowns: float) -
     mesh = level.equilibrium.space.mesh
     rigid = find_rigid_elements(level.equilibrium.terms)
     sizes = compute_refined_sizes(mesh, indicators, reduction, max_sizes, rigid)
-    return sizes.coarsen(max_unknowns / UNKNOWNS_PER_ELEMENT[level.run.order])
+    return sizes.coarsen(max_unknowns / UNKNOWNS_PER_ELEMENT[level.equilibrium.space.order])

@@ -81,6 +81,7 @@ def solve(
     >>> solution.charge_changes_pC["A"]
     """
     problem = Problem.from_scene(with_uncertain_numbers(scene, uncertain), pressure=pressure)
+    problem.resolve()
     order = coerce("order", order, int, (1, max(UNKNOWNS_PER_ELEMENT)))
     if budget is not None:
         budget = coerce("budget", budget, Budget)

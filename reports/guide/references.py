@@ -35,6 +35,8 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "pvdf_fem.dynamics.frequency_response.FrequencyResponse",
         "pvdf_fem.dynamics.transient.Transient",
         "pvdf_fem.inverse.calibration.calibration.Calibration",
+        "pvdf_fem.studies.decks.write_deck.Deck",
+        "pvdf_fem.studies.decks.compare_deck.DeckComparison",
         "pvdf_fem.inverse.touch.location.Location",
         "pvdf_fem.inverse.touch.touch.Touch",
         "pvdf_fem.inverse.touch.touches.Touches",
@@ -61,7 +63,8 @@ INTERNAL = (
     *("find_unused_load_keys", "require_no_tips", "require_plain_charges", "require_rows"),
     *("discrete", "unloaded_integrals", "quantity_names", "make_empty", "store", "from_state"),
     *("is_fast", "with_measured_error", "stress_modes", "validation"),
-    *("unloaded_scene", "unloaded_stress", "unloaded_outputs", "check_profiles", "with_scene"),
+    *("unloaded_scene", "unloaded_stress", "unloaded_outputs", "checked_loads", "resolve"),
+    *("with_scene",),
 )
 
 

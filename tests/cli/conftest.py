@@ -83,6 +83,8 @@ WORK = (
     "pvdf_fem.inverse.touch.locate.locate",
     "pvdf_fem.explore.server.serve",
     "pvdf_fem.report.report.Report.make",
+    "pvdf_fem.studies.decks.write_deck.write_deck",
+    "pvdf_fem.studies.decks.compare_deck.compare_deck",
 )
 #: Modules that hold such functions from their import on.
 HOLDERS = (

@@ -100,6 +100,38 @@ def test_a_mesh_file_is_solved_with_its_patches(folder, command):
     assert set(other.error_keys) == {"a.msh"}
 
 
+def test_the_style_of_a_mesh_file_is_chosen_by_options(folder, command):
+    run = command("mesh", "scene.toml", "a.inp", "--element", "m3d3")
+    assert (run.code, run.err) == (0, "")
+    assert "TYPE=M3D3" in Path("a.inp").read_text()
+    run = command("mesh", "scene.toml", "a.msh", "--format", "msh22", "--order", "1")
+    assert (run.code, run.err) == (0, "")
+    assert Path("a.msh").read_text().startswith("$MeshFormat\n2.2 0 8")
+    for options in ("a.xdmf", "b.inp --element C3D4", "b.inp --element S6 --order 1"):
+        refused = command("mesh", "scene.toml", *options.split())
+        assert (refused.code, refused.out) == (2, "")
+    assert not Path("b.inp").exists()
+
+
+def test_a_deck_is_written_or_refused_by_key(folder, command):
+    written = command("deck", "scene.toml", "a.inp", "--tolerance", "0.02", "--json")
+    assert (written.code, written.err) == (0, "")
+    assert written.json["mesh_error"] <= 0.02
+    assert "*MEMBRANE SECTION" in Path("a.inp").read_text()
+    for options, key in (
+        ("b.inp --set load.kind=rigid", "load.kind"),
+        ("b.inp --set film.bending=true", "film.bending"),
+        ("b.inp --tolerance 0", "--tolerance 0"),
+        ("b.dat", "b.dat"),
+        ("--tolerance 0.02", "FILE.inp"),
+        ("--read a.dat", "a.dat"),
+    ):
+        refused = command("deck", "scene.toml", *options.split())
+        assert (refused.code, refused.out) == (2, "")
+        assert key in refused.err
+    assert not list(Path().glob("b.*"))
+
+
 # ------------------------------------------------------------------- studies with made-up responses
 
 

@@ -8,6 +8,7 @@ from pvdf_fem.electrodes.stress_integrals import compute_stress_integrals, diffe
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene
 from pvdf_fem.mesh.subdomains import RIM
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, find_symmetry_sector
+from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.outputs import Output
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.circle import Circle
@@ -80,8 +81,8 @@ def solve_sector(scene):
     part, order = find_symmetry_sector(scene), 3
     mesh = mesh_scene(scene, choose_first_sizes(Problem.from_scene(scene), order), part)
     problem = Problem.from_scene(scene)
-    run = SolveRun(problem, order, budget=Budget.for_problem(problem), timer=StageTimer())
-    return solve_on_mesh(run, mesh, sector=part).discrete
+    run = SolveRun(problem, Budget.for_problem(problem), timer=StageTimer())
+    return solve_on_mesh(run, Equilibrium(problem, mesh, order, sector=part)).discrete
 
 
 @pytest.mark.parametrize("name", OTHERS)

@@ -128,6 +128,25 @@ def test_a_triangle_is_the_polygon_with_its_corners(role):
     assert charges[0] == pytest.approx(charges[1], rel=1e-9)
 
 
+@pytest.mark.parametrize("role", ["electrode", "patch", "probe"])
+def test_a_circle_is_the_polyline_of_two_half_circles(role):
+    """The meshes differ, since a polyline has vertices."""
+    halves = {"shape": "polyline", "vertices_mm": [[-2.0, 0.0], [2.0, 0.0]], "bulges": [1.0, 1.0]}
+    solutions = []
+    for table in (make_table("circle"), {**PLACE, **halves}):
+        changes = {
+            "electrode": {"electrodes": [{"name": "A", **table}]},
+            "patch": {"film": {"patches": [{**table, "thickness_um": 30.0}]}},
+            "probe": {"probe": table},
+        }[role]
+        probe = {"shape": "circle", "radius_mm": 2.0, "x_mm": -5.0}
+        scene = Scene(**{"probe": probe, "numerics": {"tolerance": 1e-4}, **changes})
+        solutions.append(solve(scene))
+    first, second = solutions
+    for name, charge in first.charges_pC.items():
+        assert second.charges_pC[name] == pytest.approx(charge, rel=1e-4)
+
+
 def test_sizes_are_attributes_of_the_table_and_changed_in_its_shape():
     scene = Scene(probe={"shape": "rectangle", "width_mm": 4.0})
     assert (scene.probe.width_mm, scene.probe.height_mm) == (4.0, 7.0)

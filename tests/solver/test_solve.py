@@ -127,8 +127,8 @@ def test_stops_when_accurate_or_names_the_key_to_change(changes, budget, status,
 def test_stops_when_newton_fails_on_a_finer_mesh(monkeypatch):
     solve_on = adaptive.solve_on_mesh
 
-    def fail_on_finer_mesh(run, mesh, sector, coarser=None):
-        level = solve_on(run, mesh, sector=sector, coarser=coarser)
+    def fail_on_finer_mesh(run, equilibrium, coarser=None):
+        level = solve_on(run, equilibrium, coarser)
         if coarser is None:
             return level
         return replace(level, result=replace(level.result, status=Status.MAX_ITERATIONS))

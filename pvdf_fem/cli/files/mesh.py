@@ -21,7 +21,7 @@ The extension chooses the format:
               or 2.2 by --format msh22
   .inp        Abaqus and CalculiX: element sets, and the node set `rim`
   .vtu .vtk   a 0/1 array for each patch
-sfepy and FreeFEM read meshes of order 1 only."""
+sfepy and FreeFEM read meshes of order 1 only, NGSolve and FreeFEM msh22 only."""
 
 _EPILOG = """\
 examples:

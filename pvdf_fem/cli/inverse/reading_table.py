@@ -127,7 +127,7 @@ def choose_electrode_columns(
     if not chosen and 2 * sum(map(has_number, headings)) > len(headings):
         raise InputError(f"{table.name}: has no header; write {names} above the columns")
     if not chosen:
-        advice = f"name some of {names} in its header, or give such as "
+        advice = f"name some of {names} in its header, or choose columns, for example by "
         advice += f'--channels "{suggest_channels(table.columns, electrodes)}"'
         shown = ", ".join(headings)
         raise InputError(f"{table.name}: has no electrode among its columns {shown}; {advice}")

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.mesh.files.content import MeshContent, MeshFileError
@@ -133,6 +132,8 @@ def _merge_nodes(points: Array, triangles: Indices) -> tuple[Array, Indices, int
     merged : int
         Number of nodes that were merged with others.
     """
+    from scipy.spatial import KDTree  # slow to import, and solves without a file do not need it
+
     size = np.ptp(points, axis=0).max()
     sides = np.linalg.norm(points[triangles[:, 1]] - points[triangles[:, 0]], axis=1)
     distance = min(_MERGING_FRACTION * size, _MERGING_FRACTION_OF_SIDE * float(np.median(sides)))

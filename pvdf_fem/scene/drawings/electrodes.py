@@ -55,14 +55,7 @@ def read_electrodes(drawing: Drawing, radius_mm: object) -> list[dict[str, Any]]
         If the drawing cannot be read, has no outlines, or outlines overlap or exceed the rim.
     """
     path = Path(drawing.drawing)
-    try:
-        content = _read_content(path, drawing.layer)
-    except FileError as error:
-        raise DrawingError(str(error)) from None
-    except ModuleNotFoundError as error:
-        reason = f"requires {error.name}, which is not installed"
-        raise DrawingError(f'{reason}; run: pip install "pvdf-fem[drawings]"') from None
-    _require_paths(content, drawing.layer)
+    content = _read_content(path, drawing.layer)
     scale_mm = _choose_unit(content, drawing.unit)
     up = -1.0 if path.suffix.lower() == ".svg" else 1.0
     frame, shift = _make_motion(drawing, scale_mm, up)
@@ -70,11 +63,7 @@ def read_electrodes(drawing: Drawing, radius_mm: object) -> list[dict[str, Any]]
     texts = [DrawnText(text.text, text.points @ frame.T + shift) for text in content.texts]
     tolerance = 1e-3 * drawing.tolerance_um
     contours = join_paths(paths, tolerance)
-    if not contours:
-        raise DrawingError(f"has no closed outline{_describe_content(content)}")
-    if len(contours) > MAX_ELECTRODES:
-        reason = f"has {len(contours)} closed outlines, more than {MAX_ELECTRODES}"
-        raise DrawingError(f"{reason}{_describe_content(content)}")
+    _require_count(contours, content)
     tables = [recognize_shape(contour, tolerance) for contour in contours]
     outlines = [_make_outline(row, one) for row, one in zip(tables, contours, strict=True)]
     order = _sort_counter_clockwise(outlines)
@@ -90,6 +79,15 @@ def read_electrodes(drawing: Drawing, radius_mm: object) -> list[dict[str, Any]]
     return [{"name": names[row], **tables[number]} for row, number in enumerate(order)]
 
 
+def _require_count(contours: list[Contour], content: DrawingContent) -> None:
+    """Refuse a drawing without closed outlines, or with more than a scene can have."""
+    if not contours:
+        raise DrawingError(f"has no closed outline{_describe_content(content)}")
+    if len(contours) > MAX_ELECTRODES:
+        reason = f"has {len(contours)} closed outlines, more than {MAX_ELECTRODES}"
+        raise DrawingError(f"{reason}{_describe_content(content)}")
+
+
 def _make_outline(table: dict[str, Any], contour: Contour) -> Outline:
     """Make the outline of a shape in m; refuse one whose place or size is out of all limits."""
     try:
@@ -100,6 +98,19 @@ def _make_outline(table: dict[str, Any], contour: Contour) -> Outline:
 
 
 def _read_content(path: Path, layer: str | None) -> DrawingContent:
+    """Read a drawing with curves on the layer; failures become errors of the drawing."""
+    try:
+        content = _read_by_extension(path, layer)
+    except FileError as error:
+        raise DrawingError(str(error)) from None
+    except ModuleNotFoundError as error:
+        reason = f"requires {error.name}, which is not installed"
+        raise DrawingError(f'{reason}; run: pip install "pvdf-fem[drawings]"') from None
+    _require_paths(content, layer)
+    return content
+
+
+def _read_by_extension(path: Path, layer: str | None) -> DrawingContent:
     """Read a drawing by the reader of its extension."""
     extension = path.suffix.lower()
     if extension == ".dxf":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,7 +49,14 @@ def write_dxf(sheet: Sheet, path: Path, version: str = "R2010") -> None:
     from ezdxf.enums import TextEntityAlignment
     from ezdxf.filemanagement import new
 
-    document = new(version, units=0 if version == "R12" else 4)  # mm; R12 states no unit
+    # R12 states no unit, about which ezdxf warns even if none is given
+    log = logging.getLogger("ezdxf")
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        document = new(version, units=0 if version == "R12" else 4)  # 4: mm
+    finally:
+        log.setLevel(level)
     if version != "R12":
         document.header["$MEASUREMENT"] = 1
     for layer in sheet.layers:

@@ -146,7 +146,7 @@ def write_mesh(
     Points are in m with z = 0. Elements are counter-clockwise triangles with six nodes; of order 1
     they have three, and their sides are straight. Patches become:
 
-    - ``.msh``: physical groups. Combinations of patches are groups, see `Msh22`.
+    - ``.msh``: physical groups. Combinations of patches are groups, see `Msh41`.
     - ``.inp``: element sets, which may overlap, and the node set ``rim``. Names have only letters,
       digits, ``_`` and ``-``, see `make_labels`.
     - ``.vtu``, ``.vtk``: cell data, 1 inside a patch and 0 outside.

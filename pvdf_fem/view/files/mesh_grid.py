@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -86,6 +86,10 @@ class MeshGrid:
     def rim_nodes(self) -> Indices:
         """Indices of the nodes on the rim in increasing order."""
         return np.unique(self.rim_lines)
+
+    def with_patches(self, patches: dict[str, Indices]) -> MeshGrid:
+        """Return a copy with other patches: indices of elements by name."""
+        return replace(self, patches=patches)
 
     def make_masks(self) -> dict[str, NDArray[np.int32]]:
         """Return an array of shape (elements,) for each patch, 1 inside and 0 outside."""

@@ -23,11 +23,10 @@ GMSH_TRIANGLES = {1: 2, 2: 9}
 
 
 class Msh22(MeshFormat):
-    """MSH 2.2 in ASCII, which FreeFEM and older programs read.
+    """MSH 2.2 in ASCII, the only version that FreeFEM 4.11 and NGSolve read.
 
-    An element has one physical group, but a probe may press on an electrode. Combinations of
-    patches are therefore groups: ``electrode A``, ``probe``, ``electrode A + probe``, ``film``
-    outside of patches, and ``rim`` for the lines along the rim.
+    The groups are those of `Msh41`. Their names have no blanks, at which NGSolve ends a name:
+    ``electrode_A``, ``electrode_A+probe``.
     """
 
     extension = ".msh"
@@ -39,7 +38,8 @@ class Msh22(MeshFormat):
         names = {}
         for tag, combination in enumerate(combinations, start=1):
             tags[combination.elements] = tag
-            names[combination.name] = np.array([tag, 2])
+            name = combination.name.replace(" + ", "+").replace(" ", "_")
+            names[name] = np.array([tag, 2])
         rim_tag = len(combinations) + 1
         names[RIM] = np.array([rim_tag, 1])
         rim_tags = np.full(len(grid.rim_lines), rim_tag, dtype=np.int32)
@@ -54,7 +54,11 @@ class Msh22(MeshFormat):
 
 
 class Msh41(MeshFormat):
-    """MSH 4.1 in ASCII, with the physical groups of `Msh22`.
+    """MSH 4.1 in ASCII.
+
+    An element has one physical group, but a probe may press on an electrode. Combinations of
+    patches are therefore groups: ``electrode A``, ``probe``, ``electrode A + probe``, ``film``
+    outside of patches, and ``rim`` for the lines along the rim.
 
     The file is written here, since meshio's writer of this version loses physical groups.
     """

@@ -45,7 +45,11 @@ def compute_areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 def find_patch(grid: meshio.Mesh, name: str) -> np.ndarray:
     """Find the triangles of a patch in a file that meshio has read."""
     if grid.field_data:
-        tags = [tag for group, (tag, _) in grid.field_data.items() if name in group.split(" + ")]
+        tags = []
+        for group, (tag, _) in grid.field_data.items():
+            names = group.split(" + ") if " " in group else group.split("+")
+            if {name, name.replace(" ", "_")} & {*names}:
+                tags.append(tag)
         return np.isin(np.concatenate(grid.cell_data["gmsh:physical"]), tags)
     data = grid.cell_data
     encoded = name.replace(" ", "%20").replace("<", "%3C").replace(">", "%3E")
@@ -95,7 +99,10 @@ def test_gmsh_reads_valid_elements_and_named_groups_without_a_warning(mesh, tmp_
     assert len(nodes) == len(MeshGrid.from_mesh(mesh, order).points)
     assert qualities.min() > 0.1
     electrodes = {"electrode <é & b>", "electrode <é & b> + probe", "electrode C", "electrode c"}
-    assert names == electrodes | {"film", "probe", "rim"}
+    expected = electrodes | {"film", "probe", "rim"}
+    if name == "msh22":
+        expected = {group.replace(" + ", "+").replace(" ", "_") for group in expected}
+    assert names == expected
 
 
 @pytest.mark.parametrize("name", ["vtu", "vtk"])

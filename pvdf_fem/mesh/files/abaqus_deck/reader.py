@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.mesh.files.abaqus_deck.elements import count_triangle_nodes, is_point_or_line
@@ -49,12 +48,14 @@ class _Instance:
     own: _Part  #: Nodes and elements that are defined in the instance itself.
     translation: Array
     axis_point: Array  #: A point on the axis of rotation.
-    rotation: Rotation
+    rotation_vector: Array  #: The axis, as long as the angle in radians.
 
     def transform(self, points: Array) -> Array:
         """Return points of the part in the axes of the assembly, shape (nodes, 3)."""
+        from scipy.spatial.transform import Rotation  # slow to import, and seldom needed
+
         moved = points + self.translation - self.axis_point
-        return self.rotation.apply(moved) + self.axis_point
+        return Rotation.from_rotvec(self.rotation_vector).apply(moved) + self.axis_point
 
 
 class _PlacedPart(NamedTuple):
@@ -159,7 +160,7 @@ def _make_instance(block: KeywordBlock) -> _Instance:
         own=_Part(),
         translation=np.array([*shift, 0.0, 0.0, 0.0][:3]),
         axis_point=start,
-        rotation=Rotation.from_rotvec(angle * axis / length if length else 0.0 * axis),
+        rotation_vector=angle * axis / length if length else 0.0 * axis,
     )
 
 

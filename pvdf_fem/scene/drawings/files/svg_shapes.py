@@ -94,15 +94,9 @@ def read_shape(element: Element, viewport: Viewport, place: str) -> list[Subpath
         closing = "Z" if tag == "polygon" else ""
         return _read_path(f"M {points} {closing}", place) if points else []
 
-    references = {"x": viewport.width, "width": viewport.width, "cx": viewport.width}
-    references |= {"x1": viewport.width, "x2": viewport.width, "rx": viewport.width}
-    references |= {"y": viewport.height, "height": viewport.height, "cy": viewport.height}
-    references |= {"y1": viewport.height, "y2": viewport.height, "ry": viewport.height}
-    references["r"] = viewport.diagonal
-
     def get(name: str, default: str = "0") -> float:
-        text = element.get(name, default)
-        return resolve_length(text, references[name], f"{place} {name}")
+        reference = _get_reference(name, viewport)
+        return resolve_length(element.get(name, default), reference, f"{place} {name}")
 
     if tag == "line":
         first = np.array([get("x1"), get("y1")])
@@ -120,6 +114,14 @@ def read_shape(element: Element, viewport: Viewport, place: str) -> list[Subpath
         size=np.array([get("width"), get("height")]),
         radii=_read_corner_radii(element, get),
     )
+
+
+def _get_reference(name: str, viewport: Viewport) -> float | None:
+    """Return the length that is 100 % of an attribute; None if it is not known."""
+    if name == "r":
+        return viewport.diagonal
+    is_horizontal = name in ("x", "width", "cx", "x1", "x2", "rx")
+    return viewport.width if is_horizontal else viewport.height
 
 
 def _read_corner_radii(element: Element, get: Any) -> Array:
