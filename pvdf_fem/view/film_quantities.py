@@ -102,7 +102,7 @@ def _triangulate_field(film: FilmData, film_map: FilmMap) -> tuple[Triangulation
     """
     corners, values = sample_field(film, film_map)
     points = 1e3 * corners.tessellation.points[corners.points]
-    return Triangulation(*points.T, corners.rows), values
+    return Triangulation(points[:, 0], points[:, 1], corners.rows), values
 
 
 def _draw_filled_contours(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
