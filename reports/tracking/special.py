@@ -5,6 +5,7 @@ pvdf-fem report reports/tracking/report.toml --kinds reports/tracking/special.py
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -15,7 +16,7 @@ from pydantic import Field
 from scipy.stats import norm
 
 from pvdf_fem import Scene
-from pvdf_fem.report.kind import FigureKind, Inputs, Kind
+from pvdf_fem.report.kind import FigureKind, Inputs
 from pvdf_fem.view.figures import COLOURS, GREY, WIDTH_MM, make_figure
 from reports.tracking.tasks import CostOfRows, LongStream, MixedFaults, SingleFaults
 
@@ -67,7 +68,38 @@ def describe_counts(data: pd.DataFrame) -> str:
     )
 
 
-class FaultOutcomes(TrackedFigure):
+class VerdictBars(TrackedFigure):
+    """A figure with a bar of verdicts for each fault."""
+
+    @abstractmethod
+    def count_by_fault(self, data: pd.DataFrame) -> pd.DataFrame:
+        """Return the verdicts, by fault."""
+
+    def make_axes(self, data: pd.DataFrame) -> Axes:
+        """Return axes with a row for each fault."""
+        return make_figure(WIDTH_MM, ROW_MM * len(self.count_by_fault(data)) + 22.0).subplots()
+
+    def draw(self, data: pd.DataFrame, axes: Axes) -> None:
+        """Draw the shares of the verdicts, and the number of phantoms beside them."""
+        counts = self.count_by_fault(data)
+        lines = np.arange(len(counts))
+        left = np.zeros(len(counts))
+        for name, colour in VERDICT_COLOURS.items():
+            shares = 100.0 * (counts[name] / counts.presses).to_numpy()
+            axes.barh(lines, shares, left=left, color=colour, label=name, height=0.8)
+            left += shares
+        for line, phantoms in enumerate(counts.phantom):
+            if phantoms:
+                axes.text(101.0, line, f"+{phantoms}", fontsize=6, va="center", color="#c8102e")
+        axes.set_yticks(lines, list(counts.index), fontsize=6)
+        axes.grid(visible=False)
+        axes.set(xlim=(0.0, 108.0), ylim=(len(counts) - 0.4, -0.6), xlabel="presses (%)")
+        axes.legend(
+            ncols=len(VERDICT_COLOURS), fontsize=6, loc="lower center", bbox_to_anchor=(0.4, 1.0)
+        )
+
+
+class FaultOutcomes(VerdictBars):
     """Streams with one fault each: a bar of verdicts for each fault."""
 
     kind: Literal["fault-outcomes"]
@@ -82,29 +114,9 @@ class FaultOutcomes(TrackedFigure):
         scene = self.resolve_scene(inputs)
         return [SingleFaults(scene, streams, step, self.choose_tolerance(inputs))]
 
-    def make_axes(self, data: pd.DataFrame) -> Axes:
-        """Return axes with a row for each fault."""
-        return make_figure(WIDTH_MM, ROW_MM * data.fault.nunique() + 22.0).subplots()
-
-    def draw(self, data: pd.DataFrame, axes: Axes) -> None:
-        """Draw the shares of the verdicts, and the number of phantoms beside them."""
-        counts = count_verdicts(data, "fault")
-        lines = np.arange(len(counts))
-        left = np.zeros(len(counts))
-        for name, colour in VERDICT_COLOURS.items():
-            shares = 100.0 * (counts[name] / counts.presses).to_numpy()
-            axes.barh(lines, shares, left=left, color=colour, label=name, height=0.8)
-            left += shares
-        for line, phantoms in enumerate(counts.phantom):
-            if phantoms:
-                axes.text(101.0, line, f"+{phantoms}", fontsize=6, va="center", color="#c8102e")
-        axes.set_yticks(lines, list(counts.index), fontsize=6)
-        axes.invert_yaxis()
-        axes.grid(visible=False)
-        axes.set(xlim=(0.0, 108.0), xlabel="presses (%)")
-        axes.legend(
-            ncols=len(VERDICT_COLOURS), fontsize=6, loc="lower center", bbox_to_anchor=(0.4, 1.0)
-        )
+    def count_by_fault(self, data: pd.DataFrame) -> pd.DataFrame:
+        """Return the verdicts on the streams of each fault."""
+        return count_verdicts(data, "fault")
 
     def make_caption(self, data: pd.DataFrame) -> str:
         """Explain the verdicts."""
@@ -127,28 +139,31 @@ class FaultOutcomes(TrackedFigure):
         return f"with {data.fault.nunique()} kinds of faults, {describe_counts(data)}"
 
 
-class MixtureOutcomes(Kind):
-    """Streams with two random faults: a table of those with an error."""
+class MixtureOutcomes(VerdictBars):
+    """Streams with two random faults: a bar for each fault, and the streams with an error."""
 
     kind: Literal["mixture-outcomes"]
     streams: Annotated[int, Field(ge=1)] = 40
-    tolerance: float = 5e-4
 
     stem: ClassVar[str] = "mixtures"
-
-    def list_scenes(self, inputs: Inputs) -> list[Scene]:
-        """Return no scenes: tasks make their own."""
-        return []
+    rank: ClassVar[int] = 1
 
     def list_tasks(self, inputs: Inputs) -> list[MixedFaults]:
         """Return one task."""
         streams = 2 if inputs.quick else self.streams
-        tolerance = QUICK_TOLERANCE if inputs.quick else self.tolerance
-        return [MixedFaults(self.resolve_scene(inputs), streams, tolerance)]
+        return [MixedFaults(self.resolve_scene(inputs), streams, self.choose_tolerance(inputs))]
+
+    def count_by_fault(self, data: pd.DataFrame) -> pd.DataFrame:
+        """Return the verdicts on the mixtures with each fault; each mixture counts for both."""
+        by_fault = data.assign(fault=data.fault.str.split(" + ", regex=False)).explode("fault")
+        return count_verdicts(by_fault, "fault").sort_index()
 
     def make_caption(self, data: pd.DataFrame) -> str:
         """Return the counts of all mixtures."""
-        return f"{len(data)} random mixtures: {describe_counts(data)}. Rows have an error."
+        return (
+            f"{len(data)} random mixtures: {describe_counts(data)}. A bar is about all mixtures"
+            " with this fault, colours as above. The table has the mixtures with an error."
+        )
 
     def make_table(self, data: pd.DataFrame) -> pd.DataFrame:
         """Return the mixtures with an error; all of them are in the CSV file."""

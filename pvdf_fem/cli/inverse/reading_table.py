@@ -8,6 +8,7 @@ import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -166,12 +167,21 @@ def to_plain(value: Any) -> Any:
     returned as they are; anything else becomes a text.
     """
     if type(value) is float:
-        return None if value != value else float(f"{value:.9g}")
+        return None if value != value else round_significantly(value)
     if value is None or isinstance(value, int):
         return value
     if isinstance(value, float):
-        return None if math.isnan(value) else float(f"{value:.9g}")
+        return None if math.isnan(value) else round_significantly(value)
     return str(value)
+
+
+@lru_cache(maxsize=256)
+def round_significantly(value: float) -> float:
+    """Round a number to nine significant digits.
+
+    The place of a touch and its deviations are the same in many rows of a stream.
+    """
+    return float(f"{value:.9g}")
 
 
 def open_writer(

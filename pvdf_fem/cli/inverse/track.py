@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import gc
 import math
-import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
@@ -236,7 +235,7 @@ class _Session:
         self.timed_rows = 0  #: Number of rows that have a time and are not malformed.
         self.reported_touches = 0
         self.has_announced_settling = False
-        self.printed_notes: set[str] = set()
+        self.printed_kinds: set[str] = set()
 
     def process(self, rows: Sequence[Row]) -> None:
         """Update the tracker by rows of readings, and write the results and the ended touches.
@@ -311,12 +310,11 @@ class _Session:
         return ExitCode.NOT_CONVERGED if is_incomplete else ExitCode.CONVERGED
 
     def _print_notes(self) -> None:
-        """Print the notes of the tracker that are new, not only in their numbers and channels."""
-        for note in self.tracker.notes:
-            subject = re.sub(r"\d+ of [^:]*|\d+", "", note)
-            if subject not in self.printed_notes:
-                self.printed_notes.add(subject)
-                self._print_message(f"{self.name}: {note}")
+        """Print the first note of each kind."""
+        for note in self.tracker.list_notes():
+            if note.kind not in self.printed_kinds:
+                self.printed_kinds.add(note.kind)
+                self._print_message(f"{self.name}: {note.text}")
 
     def _report_malformed_row(self, reason: str) -> None:
         """Count a malformed row, and print a message if it is one of the first."""

@@ -5,19 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.inverse.tracking.charges.charge_record import ChargeRecord
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample, ChargeValues
+from pvdf_fem.inverse.tracking.charges.saturation import find_saturated_channels
 from pvdf_fem.inverse.tracking.charges.touch_record import TouchRecord
 from pvdf_fem.inverse.tracking.problem.contact_problem import (
     CandidateTouches,
     ContactProblem,
     FoundTouches,
 )
+from pvdf_fem.inverse.tracking.problem.ended_touch import EndedTouch
 from pvdf_fem.inverse.tracking.problem.force_curve import ForceCurve
 from pvdf_fem.inverse.tracking.signal.channel_baseline import ChannelSnapshot
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
@@ -195,17 +196,6 @@ class ContactLocator:
         return impulse_N_s
 
 
-class EndedTouch(NamedTuple):
-    """A touch that has ended or was cut off, with its location."""
-
-    onset_s: float
-    end_s: float
-    largest: ChargeSample | None  #: Sample with the largest charges.
-    candidates: CandidateTouches | None
-    impulse_N_s: float  #: Integral of the force over time.
-    is_peak_undetermined: bool  #: Whether too few channels were measured at the peak.
-
-
 class Contact:
     """A contact in progress: the record of its charges and its locator.
 
@@ -253,6 +243,8 @@ class Contact:
         self.is_peak_clipped = False
         self.was_clipped = np.zeros(len(residual), dtype=bool)
         self.was_missing = ~is_settled
+        #: Number of rows in which the amplifier of a channel was saturated; set by `close`.
+        self.saturated_counts: dict[int, int] = {}
 
     def add(self, sample: FilteredSample, interval_s: float) -> None:
         """Record a sample and update the location.
@@ -414,17 +406,31 @@ class Contact:
         return self.record.relative_error > self.options.max_relative_error
 
     def close(self) -> list[EndedTouch]:
-        """Locate the touches of a contact that has ended again, from charges without drift.
-
-        Touches that follow each other fast are parts of one contact. A touch may have no
-        candidates.
-        """
+        """Locate the touches of a contact that has ended again, from charges without drift."""
+        self._exclude_saturated_channels()
         records = self.record.split()
         is_only_touch = len(records) == 1
         touches = []
         for record in records:
             touches.append(self.locator.relocate(record, is_only_touch=is_only_touch))
         return touches
+
+    def _exclude_saturated_channels(self) -> None:
+        """Exclude channels whose amplifier was saturated; the charge lost then is not known.
+
+        If too few others are left to locate the touch, it counts as hidden by clipping.
+        """
+        decay_rates = [channel.decay_rate for channel in self.baseline]
+        found = find_saturated_channels(self.record.rows, self._capacitances, decay_rates)
+        self.saturated_counts = found
+        needed_count = len(self.locator.problem.unknown)
+        if sum(self.is_settled) - len(found) < needed_count:
+            self.is_peak_clipped |= bool(found)
+            found = {}
+        for number in found:
+            self.is_settled[number] = False
+            self.record.exclude_channel(number)
+        self.was_clipped[list(self.saturated_counts)] = True
 
     def cut_off(self) -> EndedTouch:
         """Return the contact as a touch with its last location."""

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import fields
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.inverse.tracking.contact import Contact, EndedTouch
+from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.problem.contact_problem import CandidateTouches, ContactProblem
+from pvdf_fem.inverse.tracking.problem.ended_touch import EndedTouch
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackRow, TrackStatus
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 from pvdf_fem.surrogate.charge_function import find_rotation_period_deg

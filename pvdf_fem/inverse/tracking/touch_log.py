@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 from pvdf_fem.electrodes.channel import Channel
 from pvdf_fem.inverse.tracking.charges.charge_sample import ChargeSample
-from pvdf_fem.inverse.tracking.contact import Contact, EndedTouch
+from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
+from pvdf_fem.inverse.tracking.problem.ended_touch import EndedTouch
 from pvdf_fem.inverse.tracking.result_builder import ResultBuilder
 from pvdf_fem.inverse.tracking.results import TouchSummary, TrackStatus
 from pvdf_fem.inverse.tracking.stream_diagnosis import MAX_TESTED, find_misreading
@@ -111,6 +112,5 @@ class TouchLog:
             return
         misreading = find_misreading(problem, channels, peaks, unit)
         if misreading:
-            self._notes.add(
-                f"touches could not be located, but could if {misreading.text}: {misreading.advice}"
-            )
+            text = f"touches could not be located, but could if {misreading.text}"
+            self._notes.add("misreading", f"{text}: {misreading.advice}")

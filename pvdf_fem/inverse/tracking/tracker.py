@@ -15,10 +15,11 @@ from collections.abc import Mapping, Sequence
 
 from pvdf_fem.electrodes.channel import get_reading_unit, make_channels
 from pvdf_fem.inverse.touch.locate import POSITION_AND_FORCE
-from pvdf_fem.inverse.tracking.contact import Contact, EndedTouch
+from pvdf_fem.inverse.tracking.contact import Contact
 from pvdf_fem.inverse.tracking.contact_watch import ContactWatch
 from pvdf_fem.inverse.tracking.options import DEFAULTS, TrackOptions
 from pvdf_fem.inverse.tracking.problem.contact_problem import ContactProblem
+from pvdf_fem.inverse.tracking.problem.ended_touch import EndedTouch
 from pvdf_fem.inverse.tracking.problem.fixed_quantities import resolve_fixed_quantities
 from pvdf_fem.inverse.tracking.reading_input import ReadingInput
 from pvdf_fem.inverse.tracking.result_builder import ResultBuilder
@@ -30,7 +31,7 @@ from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
 from pvdf_fem.inverse.tracking.signal.reading_filter import Validity
 from pvdf_fem.inverse.tracking.signal.settling import Settling
 from pvdf_fem.inverse.tracking.signal.signal_chain import MIN_PAUSE_INTERVALS, SignalChain
-from pvdf_fem.inverse.tracking.stream_notes import StreamNotes
+from pvdf_fem.inverse.tracking.stream_notes import StreamNote, StreamNotes
 from pvdf_fem.inverse.tracking.touch_log import TouchLog
 from pvdf_fem.scene.arguments import Names, as_response, coerce
 from pvdf_fem.scene.readout import Readout
@@ -141,7 +142,11 @@ class Tracker:
     @property
     def notes(self) -> list[str]:
         """Sentences about faults of the readings that were found and repaired, each once."""
-        return [*self._signal.describe(self._names), *self._notes.sentences]
+        return [note.text for note in self.list_notes()]
+
+    def list_notes(self) -> list[StreamNote]:
+        """Return `notes` with their kinds, by which new ones are recognised."""
+        return [*self._signal.list_notes(self._names), *self._notes.list_notes()]
 
     @property
     def settling_ends_s(self) -> float:
@@ -207,7 +212,7 @@ class Tracker:
         while self._waiting:
             self._process(self._waiting.popleft())
         if self._contact:
-            self._notes.add("a contact had not ended when the readings ended")
+            self._notes.add("open contact", "a contact had not ended when the readings ended")
             self._cut_contact_off(self._contact, TrackStatus.LOST)
         if self._settling:
             self._finish_settling(self._settling)
@@ -424,6 +429,8 @@ class Tracker:
             Reason why the contact was cut off. Default: None, the contact has ended.
         """
         self._log.add_contact(contact, touches, status)
+        for number, count in contact.saturated_counts.items():
+            self._signal.filter.clipped_counts[number] += count
         times_s, voltages = contact.record.get_voltages_after_end()
         self._baseline.replace_residuals(times_s, voltages)
         self._contact = None

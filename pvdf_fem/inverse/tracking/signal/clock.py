@@ -12,6 +12,7 @@ from pvdf_fem.inverse.tracking.signal.stamps.options import ClockOptions
 from pvdf_fem.inverse.tracking.signal.stamps.repair_log import Repair, RepairLog
 from pvdf_fem.inverse.tracking.signal.stamps.rows import ClockEvent, StreamRow, TimedRow
 from pvdf_fem.inverse.tracking.signal.stamps.timeline import Timeline
+from pvdf_fem.inverse.tracking.stream_notes import StreamNote
 
 __all__ = ["ClockEvent", "ClockOptions", "Repair", "SampleClock", "StampedSample"]
 
@@ -67,6 +68,11 @@ class SampleClock:
     @property
     def notes(self) -> list[str]:
         """Sentence for the first repair of each kind, and for each restart."""
+        return [note.text for note in self._log.notes]
+
+    @property
+    def repair_notes(self) -> list[StreamNote]:
+        """The same sentences with the kinds of the repairs."""
         return self._log.notes
 
     @property

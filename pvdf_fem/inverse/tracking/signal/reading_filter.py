@@ -12,6 +12,7 @@ from pvdf_fem.inverse.tracking.signal.channel_baseline import ChannelBaseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample, SettledSamples
 from pvdf_fem.inverse.tracking.signal.spike_filter import SpikeFilter
+from pvdf_fem.inverse.tracking.stream_notes import StreamNote
 
 #: Voltages beyond this magnitude in V are missing: no converter has such a range.
 MAX_VOLTAGE_V = 1e6
@@ -360,8 +361,8 @@ class ReadingFilter:
         for sample in self.spikes.held[first:]:
             sample.remove_voltage(number)
 
-    def describe(self, names: Sequence[str]) -> list[str]:
-        """Return a sentence for each kind of readings that were no values.
+    def list_notes(self, names: Sequence[str]) -> list[StreamNote]:
+        """Return a note for each kind of readings that were no values.
 
         Parameters
         ----------
@@ -369,22 +370,35 @@ class ReadingFilter:
             Names of the channels.
         """
         kinds = (
-            (self.clipped_counts, "readings were clipped: they count as limits; widen the range"),
-            (self.frozen_counts, "readings repeated the last one: they count as missing"),
-            (self.spikes.spike_counts, "readings were spikes: they count as missing"),
+            (
+                "clipped",
+                self.clipped_counts,
+                "readings were clipped: they count as limits; widen the range",
+            ),
+            (
+                "frozen",
+                self.frozen_counts,
+                "readings repeated the last one: they count as missing",
+            ),
+            (
+                "spikes",
+                self.spikes.spike_counts,
+                "readings were spikes: they count as missing",
+            ),
         )
-        sentences = []
-        for counts, text in kinds:
+        notes = []
+        for kind, counts, text in kinds:
             shown = [
                 f"{count} of {name}" for name, count in zip(names, counts, strict=True) if count
             ]
             if shown:
-                sentences.append(f"{', '.join(shown)}: {text}")
+                notes.append(StreamNote(kind, f"{', '.join(shown)}: {text}"))
         at_limit = list(compress(names, self._is_at_limit))
         if at_limit:
-            sentences.append(
+            text = (
                 f"the readings of {', '.join(at_limit)} on the unloaded film lie at the end of the "
                 f"converter's range, which cuts the decay after touches: shift them by a bias, and "
                 f"give it as readout.offset_V"
             )
-        return sentences
+            notes.append(StreamNote("at limit", text))
+        return notes

@@ -14,12 +14,13 @@ from pvdf_fem.inverse.tracking.signal.baseline import SettledBaseline
 from pvdf_fem.inverse.tracking.signal.circuit import ReadoutCircuit
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample, SettledSamples
 from pvdf_fem.inverse.tracking.signal.first_samples import (
+    FirstSamples,
     compute_medians,
     find_channels_at_limit,
     find_signals,
-    remove_spikes,
 )
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
+from pvdf_fem.inverse.tracking.signal.spike_filter import remove_spikes
 
 #: Smallest number of samples from which a baseline is learned, however slow the sampling is: two
 #: for each part.
@@ -94,10 +95,15 @@ class Settling:
         self._expects_residual = expects_residual
         self._max_noise_V = max_noise_V
         self._sizes: list[Array] = []  # Sizes of the residuals in the last unsteady attempts.
-        self.samples: list[FilteredSample] = []
+        self._samples = FirstSamples(len(self._min_noise_V))
         self._next_attempt_s = math.nan
         self.touched_from_s = math.nan
         self.touched_to_s = math.nan
+
+    @property
+    def sample_count(self) -> int:
+        """Number of samples that are kept."""
+        return len(self._samples)
 
     @property
     def ends_s(self) -> float:
@@ -112,20 +118,19 @@ class Settling:
         SettledSamples or None
             None as long as the samples are too few, or the film is touched.
         """
-        if not self.samples:
+        if self.sample_count == 0:
             self._next_attempt_s = sample.time_s + self._duration_s
-        self.samples.append(sample)
+        self._samples.add(sample)
         is_early = sample.time_s < self._next_attempt_s
-        if is_early or len(self.samples) < MIN_SETTLING_SAMPLES:
+        if is_early or self.sample_count < MIN_SETTLING_SAMPLES:
             return None
         return self._learn()
 
     def _learn(self) -> SettledSamples | None:
         """Learn the baseline from the samples, or drop their older half if the film is touched."""
-        samples = self.samples
-        times_s = np.array([sample.time_s for sample in samples])
-        voltages = np.array([sample.voltages for sample in samples])
-        voltages[np.array([sample.is_clipped for sample in samples])] = np.nan
+        samples = self._samples
+        times_s = samples.times_s
+        voltages = samples.voltages
         unchanged = voltages
         is_missing = np.isnan(voltages)
         voltages = remove_spikes(voltages, self._estimate_noise(voltages))
@@ -151,24 +156,12 @@ class Settling:
         if not math.isnan(self.touched_from_s):
             self.touched_to_s = float(times_s[0])
         line_count = np.where(has_signal, baseline.count, 0)
-        pending = []
-        for sample, cleaned in zip(samples[count:], voltages[count:].tolist(), strict=True):
-            # This takes a fifth of the time of `_replace`; at 20 kHz there are 1000 samples.
-            pending.append(
-                FilteredSample(
-                    sample.time_s,
-                    cleaned,
-                    is_clipped=sample.is_clipped,
-                    follows_pause=sample.follows_pause,
-                    clipped_before=sample.clipped_before,
-                )
-            )
         return SettledSamples(
             replace(baseline, count=line_count),
             count,
             spike_counts=is_spike.sum(axis=0).tolist(),
             is_at_limit=find_channels_at_limit(unchanged).tolist(),
-            pending=pending,
+            pending=samples.make_samples(count, voltages[count:]),
         )
 
     def _estimate_noise(self, voltages: Array) -> Array:
@@ -280,8 +273,8 @@ class Settling:
         self._expects_residual = True
         if math.isnan(self.touched_from_s):
             self.touched_from_s = _find_onset(times_s, voltages, noise_V)
-        self.samples = self.samples[len(self.samples) // 2 :]
-        self._next_attempt_s = self.samples[0].time_s + self._duration_s
+        self._samples.drop_older_half()
+        self._next_attempt_s = float(self._samples.times_s[0]) + self._duration_s
 
 
 def _is_steady(residuals: Array, noise_V: Array) -> bool:

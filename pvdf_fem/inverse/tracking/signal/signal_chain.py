@@ -13,6 +13,7 @@ from pvdf_fem.inverse.tracking.signal.clock import ClockEvent, SampleClock, Stam
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
 from pvdf_fem.inverse.tracking.signal.mains_hum import MainsHum
 from pvdf_fem.inverse.tracking.signal.reading_filter import ReadingFilter
+from pvdf_fem.inverse.tracking.stream_notes import StreamNote
 
 #: Pause in sampling intervals from which readings may have been missed.
 MIN_PAUSE_INTERVALS = 4.5
@@ -41,15 +42,16 @@ class SignalChain:
         self.removes_spikes = False
         self._last_time_s = math.inf  # Time of the last sample with readings.
 
-    def describe(self, names: Sequence[str]) -> list[str]:
-        """Return a sentence for each kind of fault that was found and repaired.
+    def list_notes(self, names: Sequence[str]) -> list[StreamNote]:
+        """Return a note for each kind of fault that was found and repaired.
 
         Parameters
         ----------
         names : sequence of str
             Names of the channels.
         """
-        return [*self.clock.notes, *self.hum.notes, *self.filter.describe(names)]
+        hum_notes = [StreamNote("mains hum", text) for text in self.hum.notes]
+        return [*self.clock.repair_notes, *hum_notes, *self.filter.list_notes(names)]
 
     def receive(self, stamp_s: float, voltages: Sequence[float]) -> list[FilteredSample]:
         """Receive the next sample, and return the samples that are decided.

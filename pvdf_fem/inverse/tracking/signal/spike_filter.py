@@ -5,15 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import TypeVar
 
+import numpy as np
+
+from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.inverse.tracking.signal.baseline import Baseline
 from pvdf_fem.inverse.tracking.signal.filtered_sample import FilteredSample
+
+T = TypeVar("T", float, Array)
 
 #: A voltage that differs from the last by more noise deviations, or by a larger multiple of the
 #: recent differences, may be a spike. Steep flanks of touches are passed on by the multiple.
 SPIKE_DEVIATIONS = 10.0
-SPIKE_MULTIPLE = 6.0
-#: In a flank, a spike deviates by a larger multiple of the difference of the voltages around it.
+RECENT_MULTIPLE = 6.0
+#: A spike deviates from the mean of the voltages before and after it by more noise deviations, and
+#: by a larger multiple of their difference.
 FLANK_MULTIPLE = 3.0
 #: Smallest number of samples of a short touch, in which all channels deviate to one side.
 MIN_TOUCH_SAMPLES = 2
@@ -108,7 +115,7 @@ class SpikeFilter:
     def _deviates(self, voltage: float, number: int) -> bool:
         """Whether a voltage of a channel is further from the last accepted one than is usual."""
         noise_V = self._channels[number].noise_V
-        limit = SPIKE_DEVIATIONS * noise_V + SPIKE_MULTIPLE * self._recent[number]
+        limit = SPIKE_DEVIATIONS * noise_V + RECENT_MULTIPLE * self._recent[number]
         return abs(voltage - self._last[number]) > limit
 
     def add_counts(self, counts: Sequence[int]) -> None:
@@ -148,7 +155,7 @@ class SpikeFilter:
         for voltage, last, recent, channel in zip(
             sample.voltages, self._last, self._recent, self._channels, strict=True
         ):
-            limit = SPIKE_DEVIATIONS * channel.noise_V + SPIKE_MULTIPLE * recent
+            limit = SPIKE_DEVIATIONS * channel.noise_V + RECENT_MULTIPLE * recent
             # Comparisons with NaN are false: a missing voltage is not suspicious.
             if abs(voltage - last) > limit:
                 return True
@@ -172,7 +179,7 @@ class SpikeFilter:
             for sample, following in pairwise(self._held):
                 voltage = sample.voltages[number]
                 after = following.voltages[number]
-                limit = SPIKE_DEVIATIONS * channel.noise_V + FLANK_MULTIPLE * abs(after - before)
+                limit = compute_spike_limit(channel.noise_V, before, after)
                 if abs(voltage - (before + after) / 2.0) > limit:
                     sample.remove_voltage(number)
                     self.spike_counts[number] += 1
@@ -189,3 +196,75 @@ class SpikeFilter:
                 remembered = RECENT_DECAY * recent[number]
                 recent[number] = difference if difference > remembered else remembered
                 last[number] = voltage
+
+
+def compute_spike_limit(noise_V: T, before: T, after: T) -> T:
+    """Compute by how much a spike deviates at least from the mean of the voltages around it.
+
+    Parameters
+    ----------
+    noise_V : float or ndarray, shape (electrodes,)
+        Standard deviation of a voltage.
+    before, after : float or ndarray, shape (..., electrodes)
+        Last voltage before the spike and first one after it in V.
+    """
+    return SPIKE_DEVIATIONS * noise_V + FLANK_MULTIPLE * abs(after - before)
+
+
+def remove_spikes(voltages: Array, noise_V: Array) -> Array:
+    """Replace spikes in a block of samples by NaN.
+
+    Spikes have at most `MIN_SPIKE_SAMPLES` samples here, whatever the sampling rate: while the
+    baseline is learned, longer ones are noticed as touches.
+
+    Parameters
+    ----------
+    voltages : ndarray, shape (n, electrodes)
+        Voltages in V.
+    noise_V : ndarray, shape (electrodes,)
+        Standard deviations of a voltage.
+
+    Returns
+    -------
+    ndarray, shape (n, electrodes)
+        Copy of the voltages.
+    """
+    is_spike = np.zeros(voltages.shape, dtype=bool)
+    for length in range(1, MIN_SPIKE_SAMPLES + 1):
+        before = voltages[: -length - 1]
+        after = voltages[length + 1 :]
+        middle = (before + after) / 2.0
+        limit = compute_spike_limit(noise_V, before, after)
+        for offset in range(1, length + 1):
+            inside = slice(offset, offset + len(middle))
+            is_spike[inside] |= np.abs(voltages[inside] - middle) > limit
+    cleaned = np.where(is_spike, np.nan, voltages)
+    first = slice(MIN_SPIKE_SAMPLES)
+    cleaned[first][_find_spikes_at_start(cleaned, noise_V)] = np.nan
+    return cleaned
+
+
+def _find_spikes_at_start(voltages: Array, noise_V: Array) -> Mask:
+    """Mark those of the first voltages that are far outside the range of the later ones.
+
+    Spikes in the first samples do not come back to a voltage before them.
+
+    Parameters
+    ----------
+    voltages : ndarray, shape (n, electrodes)
+        Voltages in V; NaN where they are missing.
+    noise_V : ndarray, shape (electrodes,)
+        Standard deviations of a voltage.
+
+    Returns
+    -------
+    ndarray of bool, shape (`MIN_SPIKE_SAMPLES`, electrodes)
+    """
+    first = voltages[:MIN_SPIKE_SAMPLES]
+    later = voltages[MIN_SPIKE_SAMPLES:]
+    is_measured = ~np.isnan(later)
+    lowest = np.where(is_measured, later, np.inf).min(axis=0)
+    highest = np.where(is_measured, later, -np.inf).max(axis=0)
+    margin = SPIKE_DEVIATIONS * noise_V + np.maximum(highest - lowest, 0.0)
+    is_outside = (first > highest + margin) | (first < lowest - margin)
+    return np.asarray(is_outside & is_measured.any(axis=0))

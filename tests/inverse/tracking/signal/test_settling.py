@@ -206,7 +206,7 @@ def test_a_touch_that_does_not_end_never_settles():
     assert settling.touched_from_s < 0.1
     assert math.isnan(settling.touched_to_s)
     # Older samples are dropped.
-    assert len(settling.samples) <= 402
+    assert settling.sample_count <= 402
 
 
 @pytest.mark.parametrize(("max_noise_V", "settles"), [(0.05, True), (1e-3, False)])

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from enum import StrEnum
 
+from pvdf_fem.inverse.tracking.stream_notes import StreamNote
+
 
 class Repair(StrEnum):
     """Kind of repair of the times of a stream."""
@@ -65,15 +67,15 @@ class RepairLog:
 
     Attributes
     ----------
-    notes : list of str
-        A sentence for the first repair of each kind; of restarts and changed intervals, for each of
+    notes : list of StreamNote
+        A note for the first repair of each kind; of restarts and changed intervals, for each of
         the first `MAX_SENTENCES`.
     counts : Counter of Repair
         Numbers of repairs.
     """
 
     def __init__(self) -> None:
-        self.notes: list[str] = []
+        self.notes: list[StreamNote] = []
         self.counts: Counter[Repair] = Counter()
 
     def add(
@@ -104,7 +106,8 @@ class RepairLog:
         self.counts[repair] += count
         if earlier == 0 or (repair in ALWAYS_NOTED and earlier < MAX_SENTENCES):
             size = format_duration(size_s)
-            self.notes.append(SENTENCES[repair].format(row=row + 1, size=size, stamp_s=stamp_s))
+            text = SENTENCES[repair].format(row=row + 1, size=size, stamp_s=stamp_s)
+            self.notes.append(StreamNote(repair, text))
 
 
 def format_duration(duration_s: float) -> str:
