@@ -13,9 +13,8 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import FuncNorm, LogNorm, Normalize
 from matplotlib.ticker import MaxNLocator
 from matplotlib.tri import Triangulation
-from skfem import MeshTri1
 
-from pvdf_fem.arrays import Array, Indices
+from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.film_data import FilmData
 from pvdf_fem.electrodes.point_values import PointValues, evaluate_at
 from pvdf_fem.film.membrane import compute_principal_values
@@ -28,8 +27,7 @@ from pvdf_fem.view.figures import (
     GREY,
     choose_colours,
 )
-
-MAX_TRIANGLES = 6e4  #: Maximum number of triangles into which all elements are divided.
+from pvdf_fem.view.triangles.film_fields import CornerFields
 
 
 @dataclass(frozen=True)
@@ -64,28 +62,15 @@ class FilmMap:
 
 
 class SampledField(NamedTuple):
-    """A field sampled on small triangles inside the elements.
+    """A field at the corners of linear triangles that tile the elements."""
 
-    Attributes
-    ----------
-    points : PointValues
-        The points with shape (elements, points). Elements do not share points, because stresses
-        jump between elements.
-    triangles : ndarray of int, shape (n, 3)
-        Indices of the corners of each triangle in the flattened points.
-    values : ndarray, shape (elements, points)
-        Values of the field at the points.
-    """
-
-    points: PointValues
-    triangles: Indices
-    values: Array
+    #: The triangles, with the solution at their corners: those of VTU files, too.
+    corners: CornerFields
+    values: Array  #: Values of the field at the rows of `corners`, shape (n,).
 
 
-def sample_field(
-    film: FilmData, film_map: FilmMap, max_triangles: float = MAX_TRIANGLES
-) -> SampledField:
-    """Divide all elements into small triangles, and evaluate a field at their corners.
+def sample_field(film: FilmData, film_map: FilmMap) -> SampledField:
+    """Divide all elements into linear triangles, and evaluate a field at their corners.
 
     Parameters
     ----------
@@ -93,9 +78,6 @@ def sample_field(
         The solution.
     film_map : FilmMap
         The map of the field.
-    max_triangles : float
-        Every element is divided into four triangles, and these again, while the total number of
-        triangles is at most this limit. Elements are divided at least once, whatever the limit.
 
     Returns
     -------
@@ -109,20 +91,18 @@ def sample_field(
     if film_map.values is None:
         fields = ", ".join(name for name, other in MAPS.items() if other.values)
         raise ValueError(f"quantity: is not a field at points of the film; choose from {fields}")
-    elements = film.mesh.nelements
-    # each division multiplies the number of triangles by four
-    divisions = max(1, int(np.log(max_triangles / elements) / np.log(4.0)))
-    reference = MeshTri1.init_refdom().refined(divisions)
-    points = film.in_elements(reference.p)
-    first_point = reference.p.shape[1] * np.arange(elements)
-    triangles = (reference.t.T + first_point[:, None, None]).reshape(-1, 3)
-    return SampledField(points, triangles, film_map.values(points))
+    corners = CornerFields.from_film(film)
+    return SampledField(corners, film_map.values(corners.values))
 
 
 def _triangulate_field(film: FilmData, film_map: FilmMap) -> tuple[Triangulation, Array]:
-    """Return the triangulation of a sampled field in mm, and the values at its corners."""
-    points, triangles, values = sample_field(film, film_map)
-    return Triangulation(points.x_mm.ravel(), points.y_mm.ravel(), triangles), values.ravel()
+    """Return the triangulation of a sampled field in mm, and the values at its corners.
+
+    Elements do not share corners, because stresses jump between elements.
+    """
+    corners, values = sample_field(film, film_map)
+    points = 1e3 * corners.tessellation.points[corners.points]
+    return Triangulation(points[:, 0], points[:, 1], corners.rows), values
 
 
 def _draw_filled_contours(ax: Axes, film: FilmData, film_map: FilmMap) -> ScalarMappable:
@@ -236,10 +216,14 @@ def _draw_principal_directions(ax: Axes, film: FilmData, film_map: FilmMap) -> S
         The artist for a colour bar.
     """
     drawn = _draw_continuous_field(ax, film, film_map)
-    reach = np.ptp(ax.get_xlim()) / 2.0
-    ticks, step = np.linspace(-reach, reach, 36, retstep=True)
-    grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
-    is_on_film = np.hypot(*grid.T) < 0.99 * film.scene.film.radius_mm
+    x_limits = np.array(ax.get_xlim())
+    y_limits = np.array(ax.get_ylim())
+    step = max(np.ptp(x_limits), np.ptp(y_limits)) / 35.0
+    x = np.arange(x_limits[0], x_limits[1] + 0.5 * step, step)
+    y = np.arange(y_limits[0], y_limits[1] + 0.5 * step, step)
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    table = film.scene.film
+    is_on_film = table.outline.compute_signed_distances(grid / 1e3) < -0.01 * table.radius
     centres = grid[is_on_film]
     stress = evaluate_at(film.equilibrium, film.state, *centres.T).stress_MPa
     smaller, larger = compute_principal_values(stress)

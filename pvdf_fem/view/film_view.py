@@ -16,7 +16,7 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.film_data import FilmData
-from pvdf_fem.electrodes.point_values import PointValues, evaluate_along
+from pvdf_fem.electrodes.point_values import evaluate_along
 from pvdf_fem.files import replace_file
 from pvdf_fem.scene.arguments import coerce
 from pvdf_fem.view.figures import COLOURS, choose_colours
@@ -88,7 +88,7 @@ def make_film_view(data: FilmData, name: str, scale: float | None, html: str | P
     if scale is None:
         # every third unknown is a deflection
         largest_mm = 1e3 * float(np.abs(data.state.dofs[2::3]).max())
-        quarter_mm = 0.25 * scene.film.radius_mm
+        quarter_mm = 250.0 * scene.film.radius
         scale = quarter_mm / largest_mm if largest_mm > 0.0 else quarter_mm
     plotter = pyvista.Plotter(off_screen=html is not None)
     film = make_film_surface(data, film_map, scale)
@@ -105,7 +105,7 @@ def make_film_view(data: FilmData, name: str, scale: float | None, html: str | P
         smooth_shading=True,
     )
     # lines are drawn slightly above the film, which would otherwise hide them
-    above = np.array([0.0, 0.0, 2e-3 * scene.film.radius_mm])
+    above = np.array([0.0, 0.0, 2.0 * scene.film.radius])
     contours = film.contour(9, scalars=film.points[:, 2]).translate(above)
     if contours.n_points:  # a flat film has none
         plotter.add_mesh(contours, color="white", opacity=0.5)
@@ -114,7 +114,9 @@ def make_film_view(data: FilmData, name: str, scale: float | None, html: str | P
     for outline, colour in outlines:
         corners_mm = 1e3 * np.array(outline.inscribed_polygon.exterior.coords)
         points = evaluate_along(data.equilibrium, data.state, corners_mm)
-        line = pyvista.lines_from_points(_compute_displaced_points(points, scale) + above)
+        plane = np.stack([points.x_mm, points.y_mm], axis=-1)
+        displaced = _compute_displaced_points(plane, points.displacement_mm, scale)
+        line = pyvista.lines_from_points(displaced + above)
         plotter.add_mesh(line, color=colour, line_width=4)
     plotter.set_background("white")
     plotter.view_vector((-1.0, -1.5, 1.2), viewup=(0.0, 0.0, 1.0))
@@ -142,30 +144,36 @@ def make_film_surface(data: FilmData, film_map: FilmMap, scale: float = 1.0) -> 
         Surface of triangles with coordinates in mm and z upwards. Its point data are the values of
         the field, by the label of the map without formula marks.
     """
-    field = sample_field(data, film_map)
-    points = _compute_displaced_points(field.points, scale).reshape(-1, 3)
-    surface = _import_module("pyvista").PolyData.from_regular_faces(points, field.triangles)
-    surface.point_data[_remove_formula_marks(film_map.label)] = field.values.ravel()
-    return surface.clean()
+    corners, values = sample_field(data, film_map)
+    tessellation = corners.tessellation
+    points = _compute_displaced_points(
+        1e3 * tessellation.points, 1e3 * tessellation.displacement, scale
+    )
+    surface = _import_module("pyvista").PolyData.from_regular_faces(points, tessellation.corners)
+    label = _remove_formula_marks(film_map.label)
+    surface.point_data[label] = corners.average_at_points(values)
+    return surface
 
 
-def _compute_displaced_points(points: PointValues, scale: float) -> Array:
+def _compute_displaced_points(points_mm: Array, displacement_mm: Array, scale: float) -> Array:
     """Compute the positions of displaced points in mm, with z upwards.
 
     Parameters
     ----------
-    points : PointValues
-        Points of the undeformed film, with their displacements.
+    points_mm : ndarray, shape (n, 2)
+        Points of the undeformed film.
+    displacement_mm : ndarray, shape (n, 3)
+        Their displacements.
     scale : float
         Factor by which displacements are multiplied.
 
     Returns
     -------
-    ndarray, shape (..., 3)
+    ndarray, shape (n, 3)
         The coordinates x, y and z. A positive deflection gives a negative z.
     """
-    u, v, w = scale * np.moveaxis(points.displacement_mm, -1, 0)
-    return np.stack([points.x_mm + u, points.y_mm + v, -w], axis=-1)
+    u, v, w = scale * displacement_mm.T
+    return np.column_stack([points_mm[:, 0] + u, points_mm[:, 1] + v, -w])
 
 
 def _remove_formula_marks(label: str) -> str:

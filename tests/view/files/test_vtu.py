@@ -187,7 +187,7 @@ def draw_scene(rng: np.random.Generator) -> Scene:
         changes["load.kind"] = str(kind)
     elif kind == "contact":
         probe = {"shape": "sphere", "radius_mm": rng.uniform(2.0, 8.0), **place}
-        changes["load.kind"] = "contact"
+        changes["load.force_N"] = rng.uniform(0.1, 1.5)
     elif kind == "tension":
         changes["film.compression"] = "tension-field"
         changes["film.pretension_N_m"] = rng.uniform(1.0, 9.0)
@@ -209,7 +209,8 @@ def draw_scene(rng: np.random.Generator) -> Scene:
     ]
     for electrode in electrodes:
         electrode.setdefault("y_mm", rng.uniform(-5.0, 5.0))
-    return Scene(electrodes=electrodes, probe=probe).with_(**changes)
+    load = {"kind": "contact"} if kind == "contact" else {}
+    return Scene(electrodes=electrodes, probe=probe, load=load).with_(**changes)
 
 
 @pytest.mark.slow
