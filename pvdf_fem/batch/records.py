@@ -205,7 +205,7 @@ def _collect_outputs(
         own_indices = []
         for electrode in problem.outputs:
             output = replace(electrode, patch=None, frame=frame)
-            outline = output.placed.make_signature(problem.scene.film.radius, DIGITS)
+            outline = output.placed.make_signature(problem.scene.film.reach, DIGITS)
             directions = np.round(output.directions, DIGITS).tobytes()
             key = (outline, directions, output.observable, output.d)
             if key not in index_of:
@@ -222,14 +222,14 @@ def _replace_mesh_patches(outputs: Sequence[Output], problem: Problem) -> list[O
     Return None if an output does not coincide with one of these electrodes, or if its axes are not
     parallel to those of the mesh.
     """
-    radius = problem.scene.film.radius
+    unit = problem.scene.film.reach
     patches = {}
     for electrode in problem.scene.electrode_list:
-        signature = electrode.outline.make_signature(radius, DIGITS)
+        signature = electrode.outline.make_signature(unit, DIGITS)
         patches[signature] = make_subdomain_name(electrode.name)
     followed = []
     for output in outputs:
-        patch = patches.get(output.placed.make_signature(radius, DIGITS))
+        patch = patches.get(output.placed.make_signature(unit, DIGITS))
         is_parallel = np.isin(output.frame, (-1.0, 0.0, 1.0)).all()
         if patch is None or not is_parallel:
             return None

@@ -256,11 +256,11 @@ class ResponseChoice:
         if path.is_file():
             return []
         require_writable(path)
-        radius_mm = scene.film.radius_mm
-        if self.reach_mm is None or self.reach_mm <= radius_mm:
+        rim_mm = 1e3 * scene.film.reach
+        if self.reach_mm is None or self.reach_mm <= rim_mm:
             return []
         return [
-            f"--reach {self.reach_mm:g}: is beyond the rim at film.radius_mm = {radius_mm:g}; "
+            f"--reach {self.reach_mm:g}: is beyond the rim, at most {rim_mm:g} mm from the centre; "
             "give a smaller reach"
         ]
 

@@ -18,6 +18,7 @@ from pvdf_fem.mesh.size_field import GradedSizes
 from pvdf_fem.mesh.subdomains import FILM
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive_loop import AdaptiveLoop
 from pvdf_fem.solver.estimate.correction import correct_in_richer_space
@@ -146,7 +147,8 @@ class ModalProblem:
         scene = self.problem.scene
         tolerance = scene.numerics.tolerance
         wavelengths = (0.5 * tolerance / FLAT_ERROR) ** (1.0 / ERROR_ORDER)
-        size = scene.film.radius * min(wavelengths / estimate_wavenumber(self.count), 0.3)
+        wavenumber = estimate_wavenumber(scene.film.outline, self.count)
+        size = scene.film.radius * min(wavelengths / wavenumber, 0.3)
         patch_sizes = {}
         for load in scene.loaded_probes:
             width = load.outline.area / load.outline.perimeter
@@ -273,12 +275,17 @@ def estimate_bending_increase(scene: Scene, count: int, loaded: bool) -> float:
     """
     effect = estimate_bending_effect(scene)
     length = (effect.rim_length if loaded else effect.unloaded_length) / scene.film.radius
-    return float(length + 0.5 * (estimate_wavenumber(count) * length) ** 2)
+    return float(length + 0.5 * (estimate_wavenumber(scene.film.outline, count) * length) ** 2)
 
 
-def estimate_wavenumber(count: int) -> float:
-    """Estimate the wavenumber, times the radius, of the highest of several modes of a disc.
+def estimate_wavenumber(rim: Outline, count: int) -> float:
+    """Estimate the wavenumber, times the hydraulic radius, of the highest of several modes.
 
-    Weyl's law for n modes of a disc with the radius a is n = (k a)^2/4 - k a/2.
+    Notes
+    -----
+    Weyl's law for n modes of a membrane with the area A and the perimeter P is
+    n = A k^2/(4 π) - P k/(4 π). With the hydraulic radius a = 2 A/P and q = 4 π A/P^2, which is 1
+    for a disc, k a = 1 + sqrt(1 + 4 q n).
     """
-    return 1.0 + float(np.sqrt(1.0 + 4.0 * count))
+    q = 2.0 * np.pi * rim.hydraulic_radius / rim.perimeter
+    return 1.0 + float(np.sqrt(1.0 + 4.0 * q * count))

@@ -141,7 +141,7 @@ class Modes(Result):
             shapes.append((f"{i + 1}: {frequency:.4g} Hz", deflections[i]))
         basis = spectrum.equilibrium.space.basis
         title = f"Modes of the {self._film_state} {medium}"
-        return draw_mode_shapes(shapes, basis, self.scene.film.radius_mm, title)
+        return draw_mode_shapes(shapes, basis, self.scene.film.outline, title)
 
     def summary(self) -> Summary:
         """Summarize the modes in tables, or give the reason why there are none."""
@@ -325,4 +325,5 @@ def describe_missing_air(scene: Scene, baffle_factor: float = 1.5) -> str:
     film = scene.film
     ratio = Air().density_kg_m3 * film.radius / (film.density * film.thickness)
     sizes = f"about {baffle_factor * ratio:.2g} times the film's mass, {ratio:.2g} without a baffle"
-    return f"air: adds {sizes}, to the lowest mode; to include it, add [air]"
+    advice = "to include it, add [air]" if film.is_disc else "it is modelled for discs only"
+    return f"air: adds {sizes}, to the lowest mode; {advice}"

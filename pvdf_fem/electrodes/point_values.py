@@ -29,8 +29,8 @@ COMPONENT_NAMES = {
 
 #: Maximum number of points that are evaluated at a time, which limits the memory.
 POINTS_AT_ONCE = 20_000
-#: Distance outside the rim, as a fraction of the radius, at which a point counts as on the rim:
-#: round-off.
+#: Distance outside the rim, as a fraction of the film's reach, at which a point counts as on the
+#: rim: round-off.
 RIM_SLACK = 1e-9
 
 
@@ -132,13 +132,18 @@ def evaluate_at(
     """
     outside = coerce("outside", outside, Literal["refuse", "nan"])
     x, y = _broadcast_coordinates(coerce_array("x_mm", x_mm), coerce_array("y_mm", y_mm))
-    radius_mm = 1e3 * equilibrium.film.radius
-    is_outside = ~(np.hypot(x, y) <= radius_mm * (1.0 + RIM_SLACK))
+    film = equilibrium.film
+    distances = film.outline.compute_signed_distances(
+        1e-3 * np.stack([x, y], axis=-1).reshape(-1, 2)
+    )
+    # NaN is outside
+    is_outside = ~(distances.reshape(x.shape) <= RIM_SLACK * film.reach)
     if is_outside.any() and outside == "refuse":
         first = f"({x[is_outside][0]:.9g}, {y[is_outside][0]:.9g}) mm"
-        raise ValueError(
-            f"{first} is not on the film; give points up to {radius_mm:g} mm from (0, 0)"
-        )
+        advice = f"give points up to {1e3 * film.radius:g} mm from (0, 0)"
+        if not film.is_disc:
+            advice = "give points inside of its rim"
+        raise ValueError(f"{first} is not on the film; {advice}")
     points = 1e-3 * np.stack([x[~is_outside], y[~is_outside]])
     values = np.full((len(ElementValues._fields), *x.shape, 3), np.nan)
     values[:, ~is_outside] = _evaluate_points(equilibrium, state, points)

@@ -63,7 +63,7 @@ def estimate_certainty(text: str, noise: float) -> dict[str, Any]:
     touch = {**values, "standard_deviations": deviations, "covariance": covariance}
     ellipses = [compute_deviation_ellipse(touch, key) for key in values if key.endswith("x_mm")]
     largest_mm = max(float(np.ptp(ellipse, axis=0).max()) for ellipse in ellipses)
-    is_small = largest_mm <= SMALL_ELLIPSE * scene.film.radius_mm
+    is_small = largest_mm <= SMALL_ELLIPSE * 1e3 * scene.film.radius
     message = f"Standard deviations of the touch for readings with {100.0 * noise:g} % noise."
     if is_small:
         message += f" The ellipse is drawn {MAGNIFICATION} times as large."
@@ -134,7 +134,7 @@ def _estimate_covariance(solution: Solution, values: dict[str, float], noise: fl
     # The touch is determined if its standard deviation along every direction is at most the film's
     # radius for positions, and the value itself for forces and depths.
     scales = [
-        scene.film.radius_mm if key.endswith(("x_mm", "y_mm")) else value
+        1e3 * scene.film.radius if key.endswith(("x_mm", "y_mm")) else value
         for key, value in values.items()
     ]
     singular_values = np.linalg.svd(jacobian * scales, compute_uv=False)

@@ -41,10 +41,10 @@ def describe_outlines(scene: Scene) -> dict[str, Any]:
     Returns
     -------
     dict
-        `radius` of the film; `electrodes` with `name`, `colour` and outline; and `probes` with
-        `key`, outline, `rotation`, whether it `can_turn`, and `handle_distance` of the handle that
-        turns it. An outline has its `points`, and `x` and `y` of its centroid, or of the position
-        for a probe.
+        `reach`, the maximum distance of the rim from the centre; `rim`, its points; `electrodes`
+        with `name`, `colour` and outline; and `probes` with `key`, outline, `rotation`, whether it
+        `can_turn`, and `handle_distance` of the handle that turns it. An outline has its `points`,
+        and `x` and `y` of its centroid, or of the position for a probe.
     """
     electrodes = [
         {"name": electrode.name, "colour": choose_colour(i), **_describe_outline(electrode.outline)}
@@ -63,7 +63,13 @@ def describe_outlines(scene: Scene) -> dict[str, Any]:
             "y": loaded.probe.y_mm,
         }
         probes.append(probe)
-    return {"radius": scene.film.radius_mm, "electrodes": electrodes, "probes": probes}
+    film = scene.film
+    return {
+        "reach": 1e3 * film.reach,
+        "rim": _describe_outline(film.outline)["points"],
+        "electrodes": electrodes,
+        "probes": probes,
+    }
 
 
 def choose_colour(electrode: int) -> str:

@@ -90,20 +90,23 @@ async function solve() {
 
 function draw() {
   const points = view.electrodes.concat(view.probes).flatMap((shape) => shape.points.flat())
-  const radius = view.radius
-  const half = zoomed ? 1.2 * Math.max(...points.map(Math.abs), 0.05 * radius) : 1.02 * radius
+  const reach = view.reach
+  const half = zoomed ? 1.2 * Math.max(...points.map(Math.abs), 0.05 * reach) : 1.02 * reach
   const pixel = 2.3 * half / (film.clientWidth || 600)  // in mm, on the screen
   const margin = 34 * pixel
   film.setAttribute("viewBox", [-half - margin, -half, 2 * half + margin, 2 * half + 2 * margin].join(" "))
-  for (const circle of [get("rim"), film.querySelector("clipPath circle")]) circle.setAttribute("r", radius)
+  for (const rim of [get("rim"), film.querySelector("clipPath polygon")]) rim.setAttribute("points", svgPoints(view.rim))
   drawAxes(half, pixel)
   drawElectrodes(pixel)
   drawProbes(pixel)
 }
 
+function svgPoints(points) {
+  return points.map(([x, y]) => `${x},${-y}`).join(" ")
+}
+
 function outline(parent, points, look) {
-  const text = points.map(([x, y]) => `${x},${-y}`).join(" ")
-  return add(parent, "polygon", {points: text, "vector-effect": "non-scaling-stroke", ...look})
+  return add(parent, "polygon", {points: svgPoints(points), "vector-effect": "non-scaling-stroke", ...look})
 }
 
 function label(parent, x, y, text, size, look = {}) {
@@ -202,8 +205,8 @@ function showResults(results) {
   document.body.classList.remove("stale")
   picture = results.image
   if (picture) {
-    const radius = view.radius
-    const box = {href: picture.url, x: -radius, y: -radius, width: 2 * radius, height: 2 * radius}
+    const reach = view.reach
+    const box = {href: picture.url, x: -reach, y: -reach, width: 2 * reach, height: 2 * reach}
     for (const [key, value] of Object.entries(box)) get("field").setAttribute(key, value)
   }
   get("field").style.display = picture ? "" : "none"

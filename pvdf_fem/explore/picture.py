@@ -14,10 +14,10 @@ from matplotlib.colors import to_hex
 from matplotlib.image import imsave
 from matplotlib.tri import Triangulation
 
-from pvdf_fem.arrays import Array
+from pvdf_fem.arrays import Array, Mask
 from pvdf_fem.electrodes.point_values import evaluate_in_elements
 from pvdf_fem.film.space import evaluate_shape_functions
-from pvdf_fem.mesh.points import compute_local_coordinates
+from pvdf_fem.mesh.points import compute_local_coordinates, locate_points
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive import solve_problem
@@ -28,9 +28,6 @@ TOLERANCE = 1e-2  #: Tolerance of the charges, unless that of the scene is large
 MAX_SECONDS = 5.0  #: Maximum CPU time of a solve in seconds, unless the scene limits it.
 ORDER = 2  #: Order of the elements; at this tolerance, order 2 takes a fifth less time than 3.
 PIXELS = 160  #: Pixels along the film's diameter.
-#: The search for elements uses straight sides along the rim. A point between such a side and the
-#: rim gets the element at this fraction of its distance from the centre.
-INWARD = 0.95
 
 
 class Quantity(NamedTuple):
@@ -140,26 +137,27 @@ def sample_image(solution: Solution, values: Array, pixels: int = PIXELS) -> Arr
     Returns
     -------
     ndarray of float32, shape (pixels, pixels)
-        The field, with y increasing along the first axis. Pixels up to about two pixels outside the
-        rim have the value at the rim, other pixels outside have NaN.
+        The field, with y increasing along the first axis. It is extrapolated to pixels up to about
+        two pixels outside the rim; other pixels outside have NaN.
     """
     mesh = solution.mesh
     basis = solution.basis
-    radius = solution.scene.film.radius
-    ticks = radius * ((np.arange(pixels) + 0.5) / pixels * 2.0 - 1.0)
+    film = solution.scene.film
+    ticks = film.reach * ((np.arange(pixels) + 0.5) / pixels * 2.0 - 1.0)
     centres = np.stack(np.meshgrid(ticks, ticks))
-    is_near = np.hypot(*centres) < (1.0 + 4.0 / pixels) * radius
+    distances = film.outline.compute_signed_distances(centres.reshape(2, -1).T)
+    is_near: Mask = distances.reshape(pixels, pixels) < 4.0 / pixels * film.reach
     points = centres[:, is_near]
-    points /= np.maximum(np.hypot(*points) / radius, 1.0)  # moves points outside to the rim
     find_elements = Triangulation(mesh.p[0], mesh.p[1], mesh.t.T).get_trifinder()
     elements: Any = find_elements(*points)
+    # points beyond the straight sides of this search get the nearest element at the rim
     is_missed = elements < 0
-    elements[is_missed] = find_elements(*(INWARD * points[:, is_missed]))
+    elements[is_missed], _ = locate_points(mesh, points[:, is_missed])
     local = compute_local_coordinates(mesh, elements, points.T[:, None])[:, :, 0]
     values_at_dofs = values[basis.element_dofs[:, elements]]
     shape_functions = evaluate_shape_functions(basis.elem, local)
     field = np.einsum("pf,fp->p", shape_functions, values_at_dofs)
-    image = np.full(is_near.shape, np.nan, dtype=np.float32)
-    # Between the straight side of an element and the rim, the field is extrapolated.
+    image: Any = np.full((pixels, pixels), np.nan, dtype=np.float32)
+    # an extrapolated field may exceed the values of the film
     image[is_near] = field.clip(values.min(), values.max())
     return image

@@ -149,7 +149,7 @@ class View:
         if name == "shape":
             shaped = Layout if table == "electrodes" else Probe
             for size in shaped.list_required_sizes(word):
-                changes[f"{table}.{size}"] = explain_key(plain_table, size).example
+                changes[f"{table}.{size}"] = shaped.shapes[word].key_of(size).example
         return changes
 
     def format_query(self, start: Scene) -> str:

@@ -112,7 +112,7 @@ class FloatingElectrode:
         # for an electrode under the probe, the tension at half the electrode's radius is about the
         # mean over the electrode
         r = max(distance - radius, pressed_radius, 0.5 * radius)
-        covered = area / (math.pi * self.film.radius**2)
+        covered = area / self.film.outline.area
         remaining = own_fraction + (1.0 - own_fraction) * covered
         return (
             float(np.trace(self.coupling_matrix))

@@ -1,4 +1,4 @@
-"""Mesh a scene with gmsh: the clamped disc with electrodes, patches and probes as subdomains.
+"""Mesh a scene with gmsh: the clamped film with electrodes, patches and probes as subdomains.
 
 This module alone uses gmsh in the program's own process. The outlines are embedded by OpenCASCADE's
 ``fragment``, so that subdomains and their intersections are unions of elements. Elements are
@@ -59,9 +59,9 @@ _OPTIONS = {
     # 1e-9 this integral takes most of the time
     "Mesh.LcIntegrationPrecision": 1e-2,
 }
-# Film's radius in gmsh's units, so that gmsh's absolute tolerance is relative to the film's size.
+# Film's reach in gmsh's units, so that gmsh's absolute tolerance is relative to the film's size.
 _GMSH_RADIUS = 100.0
-# Curves and nodes closer to a mirror line than this fraction of the film's radius count as on it.
+# Curves and nodes closer to a mirror line than this fraction of the film's reach count as on it.
 _ON_MIRROR_LINE = 1e-8
 
 
@@ -171,8 +171,8 @@ def _mesh_once(
     MeshTri2
         With coordinates in m, in the axes of the sector.
     """
-    unit = scene.film.radius / _GMSH_RADIUS
-    shapes: dict[str, Outline] = {FILM: scene.film.outline}
+    unit = scene.film.reach / _GMSH_RADIUS
+    shapes: dict[str, Outline] = {FILM: scene.film.outline.transform(sector.frame)}
     for name, outline in outlines.items():
         shapes[name] = outline.transform(sector.frame)
     for name, reflected in sector.reflected_electrodes.items():

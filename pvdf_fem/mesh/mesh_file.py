@@ -20,7 +20,7 @@ from pvdf_fem.mesh.files.film_triangles import select_film_triangles
 from pvdf_fem.mesh.files.outline_fit import (
     find_elements_inside,
     list_outline_errors,
-    require_disc,
+    require_rim,
 )
 from pvdf_fem.mesh.files.placing import find_placement
 from pvdf_fem.mesh.files.registry import read_content
@@ -145,16 +145,16 @@ def _make_mesh(points: Array, triangles: Indices, scene: Scene, slack: float) ->
     MeshFileError
         If the triangles are not a mesh of the scene.
     """
-    radius = scene.film.radius
-    outlines = {FILM: scene.film.outline, **collect_outlines(scene)}
+    film = scene.film
+    outlines = {FILM: film.outline, **collect_outlines(scene)}
     require_conforming(triangles)
     require_one_piece(triangles)
-    placement = find_placement(points[find_border_vertices(triangles)], radius, slack=slack)
+    placement = find_placement(points[find_border_vertices(triangles)], film, slack=slack)
     points = placement.apply(points)
     _require_areas(points, triangles)
     curved = curve_straight_sides(points, triangles, outlines=outlines, slack=slack)
     mesh = MeshTri2(curved.points.T, sort_vertices(triangles).T)
-    require_disc(mesh, radius, slack)
+    require_rim(mesh, film.outline, slack)
     mesh = _name_parts(mesh, outlines, slack=slack, is_repaired=curved.side_count > 0)
     return GivenMesh(mesh, (*placement.notes, *curved.describe()))
 

@@ -1,9 +1,10 @@
 """Equivalence of problems: problems whose films have the same deformation share a solve.
 
 - Electrodes and piezoelectric coefficients that only read the stress do not change it.
-- A round film that is isotropic in stiffness and pretension may be rotated and reflected together
-  with its probe and electrodes. An orthotropic film, or one with different pretensions along x and
-  y, may be reflected at its axes only.
+- A disc that is isotropic in stiffness and pretension may be rotated and reflected together with
+  its probe and electrodes. An orthotropic disc, or one with different pretensions along x and y,
+  may be reflected at its axes only. Films of other shapes have those reflections and rotations by
+  90° that map them onto themselves.
 - The stress of a membrane depends on the ratio of force and thickness only: energy and tension are
   proportional to the thickness, so that a film twice as thick under twice the force has the same
   displacement.
@@ -18,13 +19,16 @@ from typing import NamedTuple
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.mesh.symmetry import classify_isotropy
 from pvdf_fem.problem.problem import Problem
+from pvdf_fem.problem.symmetry import classify_isotropy
 from pvdf_fem.scene.keys import Affects, select_by_effect
+from pvdf_fem.scene.outlines.circle import Circle
+from pvdf_fem.scene.outlines.outline import LENGTH_TOLERANCE, Outline
 from pvdf_fem.scene.placed.probe import Probe
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.shapes.shape import Shape
 
-#: Lengths divided by the film's radius are equal if they agree to this many decimals, and forces
+#: Lengths divided by the film's reach are equal if they agree to this many decimals, and forces
 #: divided by the thickness if they agree to this many digits.
 DIGITS = 9
 #: Effects of keys that change the film's deformation.
@@ -72,7 +76,7 @@ def compute_mechanical_key(problem: Problem) -> MechanicalKey:
     probe = scene.probe
     if probe is None or isinstance(probe, tuple):
         return MechanicalKey(common, np.eye(2))
-    pose, frame = _find_canonical_pose(probe, film.radius, classify_isotropy(film))
+    pose, frame = _find_canonical_pose(probe, film.geometry, classify_isotropy(film))
     force = scene.load.force_N
     size = f"{film.thickness_um} {force}"
     if problem.film.capabilities.scales_with_force_over_thickness:
@@ -114,7 +118,7 @@ def _can_have_equivalent_scenes(scene: Scene) -> bool:
 
 
 @lru_cache(maxsize=4096)
-def _find_canonical_pose(probe: Probe, radius: float, isotropy: str) -> tuple[str, Array]:
+def _find_canonical_pose(probe: Probe, film_shape: Shape, isotropy: str) -> tuple[str, Array]:
     """Choose one of the poses of a probe that are equivalent by the symmetry of the film.
 
     Equivalent probes get the same pose, which is called the canonical one.
@@ -123,25 +127,30 @@ def _find_canonical_pose(probe: Probe, radius: float, isotropy: str) -> tuple[st
     ----------
     probe : Probe
         The probe, which gives the outline.
-    radius : float
-        Radius of the film in m.
+    film_shape : Shape
+        Shape of the film.
     isotropy : str
-        Symmetry of the film, see `classify_isotropy`.
+        Symmetry of the film's material and prestress, see `classify_isotropy`.
 
     Returns
     -------
     pose : str
-        Text of the outline in the canonical pose, with lengths divided by the film's radius.
+        Text of the outline in the canonical pose, with lengths divided by the film's reach.
     frame : ndarray, shape (2, 2)
         Orthogonal matrix that moves the probe to the canonical pose. For a symmetric probe there
         are several; this is the one with the largest trace, which has the smallest rotation.
     """
     outline = probe.outline
-    points = outline.defining_points / radius
-    centre = outline.centroid / radius
+    rim = film_shape.outline
+    if isinstance(rim, Circle):
+        points = outline.defining_points / rim.reach
+        centre = outline.centroid / rim.reach
+        frames = _list_disc_symmetries(points, centre, isotropy)
+    else:
+        frames = _list_symmetries(rim, isotropy)
     poses = []
-    for frame in _list_frames(points, centre, isotropy):
-        signature = outline.transform(frame).make_signature(radius, DIGITS)
+    for frame in frames:
+        signature = outline.transform(frame).make_signature(rim.reach, DIGITS)
         # the trace of a rotation decreases with its angle
         negative_trace = -round(float(np.trace(frame)), DIGITS)
         poses.append((signature, negative_trace, tuple(frame.ravel())))
@@ -149,8 +158,37 @@ def _find_canonical_pose(probe: Probe, radius: float, isotropy: str) -> tuple[st
     return f"{signature}", np.reshape(entries, (2, 2))
 
 
-def _list_frames(points: Array, centre: Array, isotropy: str) -> list[Array]:
-    """List rotations and reflections of the film that may bring a probe to its canonical pose.
+def _list_symmetries(rim: Outline, isotropy: str) -> list[Array]:
+    """List the reflections and rotations that map a film onto itself, as orthogonal matrices.
+
+    Only those that map the axes onto the axes are considered.
+
+    Parameters
+    ----------
+    rim : Outline
+        Outline of the film.
+    isotropy : str
+        Symmetry of the film's material and prestress, see `classify_isotropy`.
+    """
+    slack = LENGTH_TOLERANCE * rim.reach
+    candidates = _list_axis_symmetries(swaps_axes=isotropy != "axes")
+    return [matrix for matrix in candidates if rim.transform(matrix).coincides(rim, slack)]
+
+
+def _list_axis_symmetries(swaps_axes: bool) -> list[Array]:
+    """List the reflections and rotations that map the axes onto the axes.
+
+    With `swaps_axes`, those that exchange the x axis and the y axis are included.
+    """
+    flips = [np.diag(signs) for signs in product((1.0, -1.0), repeat=2)]
+    if not swaps_axes:
+        return flips
+    swap = np.array([[0.0, 1.0], [1.0, 0.0]])
+    return [*flips, *(flip @ swap for flip in flips)]
+
+
+def _list_disc_symmetries(points: Array, centre: Array, isotropy: str) -> list[Array]:
+    """List rotations and reflections of a disc that may bring a probe to its canonical pose.
 
     Parameters
     ----------
@@ -162,11 +200,7 @@ def _list_frames(points: Array, centre: Array, isotropy: str) -> list[Array]:
         Symmetry of the film, see `classify_isotropy`.
     """
     if isotropy != "isotropic":
-        flips = [np.diag(signs) for signs in product((1.0, -1.0), repeat=2)]
-        if isotropy == "axes":
-            return flips
-        swap = np.array([[0.0, 1.0], [1.0, 0.0]])
-        return [*flips, *(flip @ swap for flip in flips)]
+        return _list_axis_symmetries(swaps_axes=isotropy == "square")
     # rotate the centroid to the x axis, or a corner if the centroid is at the film's centre
     is_central = np.linalg.norm(centre) < 10.0**-DIGITS
     targets = points if is_central else centre[None]

@@ -27,9 +27,10 @@ from pvdf_fem.film.loads.profiles import make_profile, pin_profile_files
 from pvdf_fem.film.loads.uneven_strain import describe_heat_effects
 from pvdf_fem.film.loads.weight import describe_weight
 from pvdf_fem.film.models import FilmModel, resolve_film_model
-from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector, find_symmetry_sector
+from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
 from pvdf_fem.problem.effects import Effects
 from pvdf_fem.problem.outputs import Output, make_outputs
+from pvdf_fem.problem.symmetry import find_symmetry_sector
 from pvdf_fem.problem.thickness_effect import describe_thickness_effect
 from pvdf_fem.scene.arguments import SceneLike, as_scene
 from pvdf_fem.scene.load import Load
@@ -246,7 +247,7 @@ class Problem(Result):
         """Summarize the choices, effects and warnings of the problem without meshing or solving."""
         film = self.scene.film
         choices = {
-            "film": f"{film.radius_mm:g} mm radius, {film.thickness_um:g} µm thick",
+            "film": f"{film.describe_outline()}, {film.thickness_um:g} µm thick",
             "film model": self.film_model_name,
             "solved on": self._describe_sector(),
             "loads": self._describe_loads(),

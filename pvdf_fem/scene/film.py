@@ -2,44 +2,52 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Any, Literal, NamedTuple
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator
 
 from pvdf_fem.scene.keys import Affects, Key, NumberOrPair, Section, make_validation_error
-from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.outline import Outline, has_overlap
-from pvdf_fem.scene.placed.patch import EXPANSION, MODULUS, Patch
+from pvdf_fem.scene.placed.patch import (
+    EXPANSION,
+    MODULUS,
+    Layer,
+    Patch,
+    compute_plane_stress_stiffness,
+)
+from pvdf_fem.scene.placed.placed_shape import ShapedTable
 from pvdf_fem.scene.registry import LAW_CLASSES
 from pvdf_fem.scene.scene_file import quote
+from pvdf_fem.scene.shapes.shape import Shape
 
 #: Key of a piezoelectric coefficient, the charge per force.
 COEFFICIENT = Key(
     "pC/N", (-1e5, 1e5), Affects.READING, usual_limits=(1e-6, 1e5), likely_units={"C/N": 1e12}
 )
+#: Sizes of films in the example of a scene file.
+EXAMPLE_SIZES: Mapping[str, Any] = {
+    "width_mm": 60.0,
+    "height_mm": 40.0,
+    "semi_axes_mm": [40.0, 30.0],
+    "side_mm": 90.0,
+    "vertices_mm": [[-40.0, -30.0], [40.0, -30.0], [30.0, 30.0], [-30.0, 30.0]],
+}
 
 
-class Layer(NamedTuple):
-    """The material of a patch, where values that the patch does not give are those of the film."""
+class Film(ShapedTable):
+    """The film, flat and clamped along its rim, whose outline may have any flat shape.
 
-    patch: Patch
-    stiffness: NDArray[np.float64]  #: Plane-stress stiffness in Pa, shape (3, 3).
-    prestrain: NDArray[np.float64]  #: Elastic strain on the flat film, shape (3,).
-    expansion: float  #: Coefficient of thermal expansion in 1/K.
-    density: float  #: In kg/m³.
+    The point (x, y) of the shape, such as the centre of a rectangle, is the film's centre.
+    """
 
+    default_shape: ClassVar[str] = "circle"
+    default_sizes: ClassVar[Mapping[str, Mapping[str, float]]] = {"circle": {"radius_mm": 45.0}}
 
-class Film(Section):
-    """The film: a flat disc about the origin, clamped along its rim."""
-
-    radius_mm: Annotated[
-        float,
-        Key("mm", (1e-3, 1e5), usual_limits=(0.3, 1e5), likely_units={"m": 1e3}),
-    ] = 45.0
-    """Radius of the clamped rim."""
     thickness_um: Annotated[
         float,
         Key(
@@ -139,6 +147,17 @@ class Film(Section):
     """Acceleration along z for the film's weight, which acts in the reference state, too. Neglected
     by default."""
 
+    @classmethod
+    def describe_size(cls, name: str, key: Key) -> Key:
+        """Return the description of a size of the rim, which affects the mechanics."""
+        return replace(
+            key,
+            affects=None,
+            usual_limits=(0.3, 1e5),
+            likely_units={"m": 1e3},
+            example=EXAMPLE_SIZES.get(name, key.example),
+        )
+
     @field_validator("poisson_ratio")
     @classmethod
     def _reject_negative_energy(cls, value: float, info: ValidationInfo) -> float:
@@ -201,10 +220,9 @@ class Film(Section):
         Refuse also a patch's thermal expansion if the film has a pretension, which determines no
         change of the temperature.
         """
-        rim_radius = info.data.get("radius_mm", np.nan) / 1e3
-        rim = Circle(np.zeros(2), rim_radius)
+        shape: Shape | None = info.data.get("geometry")
         for number, patch in enumerate(value or ()):
-            if rim_radius > 0.0 and not has_overlap(patch.outline, rim):
+            if shape is not None and not has_overlap(patch.outline, shape.outline):
                 name = f"film.patches[{number}]"
                 reason = f"{name} lies outside of the rim; move it inwards or remove it"
                 raise make_validation_error(reason)
@@ -214,15 +232,43 @@ class Film(Section):
                 raise make_validation_error(f"{reason}; remove it or film.pretension_N_m")
         return value or None
 
-    @property
-    def radius(self) -> float:
-        """Radius in m."""
-        return self.radius_mm / 1e3
-
-    @property
+    @cached_property
     def outline(self) -> Outline:
         """Outline of the clamped rim in m."""
-        return Circle(np.zeros(2), self.radius)
+        return self.geometry.outline
+
+    @property
+    def radius(self) -> float:
+        """Hydraulic radius of the film in m: its radius if it is a disc.
+
+        It is twice the area divided by the perimeter, the length by which estimates for a disc are
+        applied to other films.
+        """
+        return self.outline.hydraulic_radius
+
+    @property
+    def reach(self) -> float:
+        """Maximum distance of the rim from the film's centre, in m: the radius of a disc."""
+        return self.outline.reach
+
+    @property
+    def bounds_mm(self) -> tuple[float, float, float, float]:
+        """Minimum x, minimum y, maximum x and maximum y of the film in mm."""
+        left, low = (1e3 * self.outline.lower_left).tolist()
+        right, high = (-1e3 * self.outline.transform(-np.eye(2)).lower_left).tolist()
+        return left, low, right, high
+
+    def describe_outline(self) -> str:
+        """Describe shape and size of the film, such as ``disc of 45 mm radius``."""
+        if self.is_disc:
+            return f"disc of {1e3 * self.radius:g} mm radius"
+        left_mm, low_mm, right_mm, high_mm = self.bounds_mm
+        return f"{self.shape} of {right_mm - left_mm:.4g} × {high_mm - low_mm:.4g} mm"
+
+    @property
+    def is_disc(self) -> bool:
+        """Whether the film is a disc."""
+        return self.shape == "circle"
 
     @property
     def thickness(self) -> float:
@@ -266,7 +312,7 @@ class Film(Section):
     @property
     def distributed_force(self) -> float:
         """Magnitude of the sum of pressure force and weight in N, without the patches' weight."""
-        return float(abs((self.pressure_Pa or 0.0) + self.weight) * np.pi * self.radius**2)
+        return float(abs((self.pressure_Pa or 0.0) + self.weight) * self.outline.area)
 
     @property
     def prestrain(self) -> NDArray[np.float64]:
@@ -389,31 +435,3 @@ class Air(Section):
     """Density of the air."""
     baffle: Annotated[bool, Key()] = True
     """true: the rim is set in an infinite rigid wall. false: air flows around the rim."""
-
-
-def compute_plane_stress_stiffness(E1: Any, E2: Any, nu12: Any, G: Any = None) -> NDArray[Any]:
-    """Compute the stiffness of an orthotropic sheet in plane stress.
-
-    All parameters may be complex (for complex-step derivatives).
-
-    Parameters
-    ----------
-    E1, E2 : float or complex
-        Young's moduli along x and y.
-    nu12 : float or complex
-        Poisson's ratio: contraction along y under stress along x.
-    G : float or complex, optional
-        Shear modulus; by default Huber's estimate √(E1 E2)/(2(1 + √(ν12 ν21))), with
-        ν21 = ν12 E2/E1.
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        In Voigt's notation with engineering shear, in the unit of the moduli.
-    """
-    nu21 = nu12 * E2 / E1
-    if G is None:
-        # ν12 √(E2/E1) is √(ν12 ν21) with the sign of ν12
-        G = np.sqrt(E1 * E2) / (2 * (1 + nu12 * np.sqrt(E2 / E1)))
-    m = 1 - nu12 * nu21
-    return np.array([[E1 / m, nu12 * E2 / m, 0], [nu12 * E2 / m, E2 / m, 0], [0, 0, G]])

@@ -76,7 +76,7 @@ class Scene(Result, Section):
     >>> scene.to_toml()
     """
 
-    film: Film = Film()
+    film: Film = Film.model_validate({})
     """The film and its material."""
     electrodes: Annotated[Electrodes, Key(affects=Affects.READING)] = Layout.model_validate({})
     """The electrodes: a layout, or a list of arbitrary ones."""
@@ -127,16 +127,14 @@ class Scene(Result, Section):
 
     def _find_combination_errors(self) -> Iterator[str]:
         """Yield messages on placement, incompatible keys and readouts of unknown electrodes."""
-        observable = self.numerics.observable
-        probes = self._probes
         yield from find_placement_errors(
-            radius_mm=self.film.radius_mm,
+            film_shape=self.film.geometry,
             electrodes=key_electrodes(self.electrodes),
-            probes=probes,
+            probes=self._probes,
             load=self.load,
-            observable=observable,
+            observable=self.numerics.observable,
         )
-        tables = SceneTables(self.film, observable, load=self.load, probes=probes)
+        tables = SceneTables(self.film, self.air, self.numerics.observable, self.load, self._probes)
         yield from find_incompatible_keys(tables)
         names = [electrode.name for electrode in self.electrode_list]
         if self.readout is not None:
@@ -417,7 +415,7 @@ class Scene(Result, Section):
         values = flatten(self.to_json(), lists=True)
         rows = tuple((key, quote(value)) for key, value in values.items())
         table = TextTable(("key", "value"), rows)
-        film = f"film of {self.film.radius_mm:g} mm"
+        film = self.film.describe_outline()
         sentence = f"electrodes {names}, {probes}"
         return Summary(film, [sentence], tables=[table], notes=self.warnings)
 

@@ -34,8 +34,8 @@ STRENGTH = 180e6
 #: a pressure along z and one normal to the film differ by 1 - cos = 11 %, and the contact area of
 #: the probe differs from its projection.
 SLOPE_LIMIT = 0.5
-#: A tip touches the clamped rim if its contact extends beyond this fraction of the film's radius.
-RIM_REACH = 0.99
+#: A tip touches the clamped rim if its contact is closer than this fraction of the film's radius.
+RIM_MARGIN = 0.01
 #: Maximum relative change of a charge due to wrinkles for a membrane in compression to be accepted.
 MAX_WRINKLING_CHANGE = 0.1
 
@@ -83,8 +83,10 @@ def find_rejection_status(
 def is_tip_at_rim(discrete: DiscreteSolution) -> bool:
     """Return whether the contact of any tip extends to the clamped rim; False without tips."""
     solved = discrete.solved
-    radii = [tip.compute_contact_radius(discrete.solved_state) for tip in select_tips(solved)]
-    return max(radii, default=0.0) > RIM_REACH * solved.film.radius
+    touching = [tip.find_touching_points(discrete.solved_state) for tip in select_tips(solved)]
+    points = np.concatenate([np.empty((0, 2)), *touching])
+    distances = -solved.film.outline.compute_signed_distances(points)
+    return float(distances.min(initial=np.inf)) < RIM_MARGIN * solved.film.radius
 
 
 def estimate_wrinkling_changes(level: MeshLevel) -> Array | None:

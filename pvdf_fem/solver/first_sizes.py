@@ -123,7 +123,7 @@ def _resolve_bending_layers(
     effect = estimate_bending_effect(scene)
     at_rim = choose_layer_size(effect.rim_length, effect.rim, tolerance)
     at_probe = choose_layer_size(effect.probe_length, effect.probe, tolerance)
-    rim_perimeter = 2.0 * np.pi * scene.film.radius
+    rim_perimeter = scene.film.outline.perimeter
     layer_sizes = {}
     if at_rim < sizes.film:
         layer_sizes[FILM] = max(at_rim, rim_perimeter / max_along_rim)

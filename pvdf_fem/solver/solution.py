@@ -214,7 +214,7 @@ class Solution(ElectrodeCharges):
         return evaluate_along(discrete.equilibrium, discrete.state, line_mm, points=points)
 
     def to_xarray(self, step_mm: float = 0.5) -> xarray.Dataset:
-        """Evaluate the fields on a square grid that covers the film, with NaN outside the film.
+        """Evaluate the fields on a grid that covers the film, with NaN outside the film.
 
         Parameters
         ----------
@@ -229,8 +229,10 @@ class Solution(ElectrodeCharges):
         """
         from pvdf_fem.view.field_grid import make_field_dataset, make_grid_coordinates
 
-        x_mm = make_grid_coordinates(self.scene.film.radius_mm, step_mm)
-        values = self.at(x_mm[None], x_mm[:, None], outside="nan")
+        left_mm, low_mm, right_mm, high_mm = self.scene.film.bounds_mm
+        x_mm = make_grid_coordinates(left_mm, right_mm, step_mm)
+        y_mm = make_grid_coordinates(low_mm, high_mm, step_mm)
+        values = self.at(x_mm[None], y_mm[:, None], outside="nan")
         return make_field_dataset(values, self.scene.to_toml())
 
     def to_json(self) -> dict[str, Any]:

@@ -249,7 +249,7 @@ def _simplify_scene(scene: Scene, tolerance: float) -> Scene:
     the centre without rotation, and its ``numerics.tolerance`` is `tolerance`, but at most 1e-2.
     """
     # A scene must have an electrode; a large circle hardly refines the mesh.
-    radius_mm = 0.9 * scene.film.radius_mm
+    radius_mm = 900.0 * scene.film.radius
     electrode = {"name": "A", "shape": "circle", "x_mm": 0.0, "y_mm": 0.0, "radius_mm": radius_mm}
     changes: dict[str, Any] = {"electrodes": [electrode], "readout": None, "calibration": None}
     changes |= dict.fromkeys(PLACE, 0.0)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.mesh.symmetry import classify_isotropy
+from pvdf_fem.problem.symmetry import classify_isotropy
 from pvdf_fem.scene.registry import FILM_LOAD_CLASSES
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import format_error
@@ -112,7 +112,7 @@ class ResponseOptions:
         """
         assert scene.single_probe is not None
         reach_mm = domain.reach_mm + 2.0 * self.compute_cell_mm(scene, domain)
-        log_gain = 2.0 * math.acosh(scene.film.radius_mm / reach_mm)
+        log_gain = 2.0 * math.acosh(1e3 * scene.film.radius / reach_mm)
         distance_count = max(2, math.ceil(math.log(prefactor / self.error) / log_gain))
         film_rotation_count = 0
         if classify_isotropy(scene.film) != "isotropic":
@@ -140,7 +140,7 @@ class ResponseOptions:
         angle_count = centre_grid.angle_count * math.ceil(rays / centre_grid.angle_count)
         # From the corner of the spline's square grid to the rim on the opposite side.
         reach_mm = math.sqrt(2.0) * (domain.reach_mm + (PADDING_STEPS + 1) * cell_mm)
-        reach_mm += scene.film.radius_mm
+        reach_mm += 1e3 * scene.film.radius
         return PolarGrid(
             reach_mm,
             self.step_fraction * cell_mm,
@@ -204,7 +204,7 @@ def find_validation_errors(
         reason = "must be a range of positive forces; give the minimum and the maximum"
         yield format_error("force_range_N", domain.force_N, reason)
     yield from _find_incompatible_keys(scene)
-    if has_tolerance and has_forces:
+    if has_tolerance and has_forces and scene.film.is_disc:
         if options is None:
             options = choose_options(scene, tolerance)
         yield from _find_reach_errors(scene, domain, options)
@@ -218,6 +218,9 @@ def _find_incompatible_keys(scene: Scene) -> Iterator[str]:
     if load.kind == "rigid":
         reason = "the stress is singular at the edge of the probe; choose 'dead' or 'follower'"
         yield format_error("load.kind", load.kind, f"incompatible with a response: {reason}")
+    if not film.is_disc:
+        reason = "incompatible with a response, which requires a disc; give shape = 'circle'"
+        yield format_error("film.shape", film.shape, reason)
     if film.is_inhomogeneous:
         yield "film: patches and rim_displacement_um are incompatible with a response; remove them"
     for key in FILM_LOAD_CLASSES:
@@ -249,7 +252,7 @@ def _find_reach_errors(scene: Scene, domain: Domain, options: ResponseOptions) -
     """
     cell_mm = options.compute_cell_mm(scene, domain)
     corners_mm = 1e3 * estimate_pressed_outline(scene, domain.force_N[1]).reach
-    limit_mm = scene.film.radius_mm - corners_mm - 3.0 * cell_mm
+    limit_mm = 1e3 * scene.film.radius - corners_mm - 3.0 * cell_mm
     if not 0.0 < domain.reach_mm < limit_mm:
         reason = (
             f"must be between 0 and {max(limit_mm, 0.0):.3g}, where the probe comes too close to"

@@ -174,11 +174,12 @@ def compute_clear_reach_mm(scene: Scene, min_fraction: float = 0.2) -> float:
     min_fraction : float, optional
         Minimum reach as a fraction of the film's radius, for very wide probes.
     """
-    radius_mm = scene.film.radius_mm
+    # the distance of the centre from the rim, which is the radius of a disc
+    clear_mm = -1e3 * float(scene.film.outline.compute_signed_distances(np.zeros((1, 2)))[0])
     width_mm = 0.0
     for load in scene.loaded_probes:
         width_mm = max(width_mm, 1e3 / math.pi * load.outline.perimeter)
-    return max(radius_mm - width_mm, min_fraction * radius_mm)
+    return max(clear_mm - width_mm, min_fraction * clear_mm)
 
 
 def choose_default_reach_mm(scene: Scene, max_mm: float = 12.0, max_fraction: float = 0.6) -> float:
@@ -197,7 +198,7 @@ def choose_default_reach_mm(scene: Scene, max_mm: float = 12.0, max_fraction: fl
         Upper limit as a fraction of the film's radius.
     """
     clear_mm = compute_clear_reach_mm(centre_probe(scene))
-    return min(max_mm, max_fraction * scene.film.radius_mm, clear_mm)
+    return min(max_mm, max_fraction * 1e3 * scene.film.radius, clear_mm)
 
 
 def resolve_response_settings(

@@ -36,14 +36,14 @@ MAX_COORDINATES = 2001
 
 
 def make_grid_coordinates(
-    radius_mm: float, step_mm: float, max_coordinates: int = MAX_COORDINATES
+    low_mm: float, high_mm: float, step_mm: float, max_coordinates: int = MAX_COORDINATES
 ) -> Array:
-    """Return the coordinates along one axis of a square grid that covers the film.
+    """Return the coordinates along one axis of a grid that covers the film.
 
     Parameters
     ----------
-    radius_mm : float
-        Radius of the film in mm.
+    low_mm, high_mm : float
+        Minimum and maximum coordinate of the film in mm.
     step_mm : float
         Distance between neighbouring coordinates in mm.
     max_coordinates : int
@@ -52,19 +52,20 @@ def make_grid_coordinates(
     Returns
     -------
     ndarray, shape (n,)
-        The multiples of the step in mm, with zero in the middle, whose magnitude is at most the
-        radius.
+        The multiples of the step in mm from the minimum to the maximum.
 
     Raises
     ------
     ValueError
-        If the step is larger than the radius, or smaller than the diameter divided by
+        If the step is larger than half the width of the film, or smaller than the width divided by
         `max_coordinates`.
     """
-    least_mm = 2.0 * radius_mm / max_coordinates
-    step_mm = coerce("step_mm", step_mm, float, (least_mm, radius_mm), "mm")
-    count = math.floor(radius_mm / step_mm + 1e-9)
-    return step_mm * np.arange(-count, count + 1, dtype=np.float64)
+    width_mm = high_mm - low_mm
+    least_mm = width_mm / max_coordinates
+    step_mm = coerce("step_mm", step_mm, float, (least_mm, 0.5 * width_mm), "mm")
+    first = math.ceil(low_mm / step_mm - 1e-9)
+    last = math.floor(high_mm / step_mm + 1e-9)
+    return step_mm * np.arange(first, last + 1, dtype=np.float64)
 
 
 def make_field_dataset(values: PointValues, scene: str) -> xarray.Dataset:
@@ -73,7 +74,7 @@ def make_field_dataset(values: PointValues, scene: str) -> xarray.Dataset:
     Parameters
     ----------
     values : PointValues
-        Values at n x n points. y is constant along a row, and x along a column.
+        Values at points of a grid. y is constant along a row, and x along a column.
     scene : str
         Text of the scene, which becomes an attribute of the dataset.
 

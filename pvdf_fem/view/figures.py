@@ -200,7 +200,7 @@ def choose_colours(
 
 
 def draw_rim(
-    ax: Axes, radius_mm: float, reach_mm: float, centre_mm: ArrayLike = (0.0, 0.0)
+    ax: Axes, rim: Outline, reach_mm: float | None = None, centre_mm: ArrayLike = (0.0, 0.0)
 ) -> None:
     """Draw the film's rim, and set the limits and labels of the axes.
 
@@ -208,25 +208,32 @@ def draw_rim(
     ----------
     ax : Axes
         Axes in mm to draw on. Both scales become equal, and the grid is switched off.
-    radius_mm : float
-        Radius of the film in mm.
-    reach_mm : float
-        Half the width in mm of the visible region around the centre of the film.
+    rim : Outline
+        Outline of the film in m.
+    reach_mm : float, optional
+        Half the width in mm of the visible region around the centre of the film. Default: the whole
+        film.
     centre_mm : array_like, shape (2,)
         Centre of the film in mm.
     """
-    x, y = np.asarray(centre_mm, dtype=float)
-    angle = np.linspace(0.0, 2.0 * np.pi, 361)
-    ax.plot(
-        x + radius_mm * np.cos(angle),
-        y + radius_mm * np.sin(angle),
-        color="black",
-        linewidth=1.0,
-    )
-    half_width = 1.02 * reach_mm
+    ax.plot(*_list_corners_mm(rim).T, color="black", linewidth=1.0)
     ax.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal")
-    ax.set(xlim=(x - half_width, x + half_width), ylim=(y - half_width, y + half_width))
+    if reach_mm is None:
+        low_mm, high_mm = np.reshape(rim.inscribed_polygon.bounds, (2, 2)) * 1e3
+        centre = 0.5 * (low_mm + high_mm)
+        half_widths = 0.51 * (high_mm - low_mm)
+    else:
+        centre = np.asarray(centre_mm, dtype=float)
+        half_widths = np.full(2, 1.02 * reach_mm)
+    left, lower = centre - half_widths
+    right, upper = centre + half_widths
+    ax.set(xlim=(left, right), ylim=(lower, upper))
     ax.grid(False)
+
+
+def _list_corners_mm(outline: Outline) -> Array:
+    """Return the corners in mm of the polygon inscribed in an outline, closed, shape (n, 2)."""
+    return 1e3 * np.array(outline.inscribed_polygon.exterior.coords)
 
 
 def draw_electrode(ax: Axes, outline: Outline, lines: Sequence[str], veil: float = 0.0) -> None:
@@ -244,7 +251,7 @@ def draw_electrode(ax: Axes, outline: Outline, lines: Sequence[str], veil: float
     veil : float
         Opacity of a white area inside the outline that covers the map, from 0 to 1.
     """
-    corners_mm = 1e3 * np.array(outline.inscribed_polygon.exterior.coords)
+    corners_mm = _list_corners_mm(outline)
     ax.add_patch(Patch(corners_mm, facecolor="white", edgecolor="none", alpha=veil))
     ax.add_patch(Patch(corners_mm, fill=False, linewidth=0.9, path_effects=[HALO]))
     box_mm = Bbox([corners_mm.min(axis=0), corners_mm.max(axis=0)])
@@ -252,7 +259,7 @@ def draw_electrode(ax: Axes, outline: Outline, lines: Sequence[str], veil: float
 
 
 def draw_film(
-    ax: Axes, radius_mm: float, electrodes: Iterable[Electrode], reach_mm: float | None = None
+    ax: Axes, rim: Outline, electrodes: Iterable[Electrode], reach_mm: float | None = None
 ) -> None:
     """Draw the film's rim, and the electrodes with their names.
 
@@ -260,23 +267,23 @@ def draw_film(
     ----------
     ax : Axes
         Axes in mm to draw on, whose limits and labels are set.
-    radius_mm : float
-        Radius of the film in mm.
+    rim : Outline
+        Outline of the film in m.
     electrodes : iterable of Electrode
         Electrodes of the film.
     reach_mm : float, optional
-        Half the width of the visible region in mm. Default: the radius. The region is enlarged to
-        show all of each electrode that is closer to the film's centre than `reach_mm`.
+        Half the width of the visible region in mm. Default: the whole film. The region is enlarged
+        to show all of each electrode that is closer to the film's centre than `reach_mm`.
     """
     electrodes = list(electrodes)
-    reach = radius_mm if reach_mm is None else reach_mm
-    centre = Point(0.0, 0.0)
-    half_width = reach
-    for electrode in electrodes:
-        shape = electrode.outline.inscribed_polygon
-        if 1e3 * shape.distance(centre) < reach:
-            half_width = max(half_width, 1e3 * np.abs(shape.bounds).max())
-    draw_rim(ax, radius_mm, half_width)
+    half_width = reach_mm
+    if reach_mm is not None:
+        centre = Point(0.0, 0.0)
+        for electrode in electrodes:
+            shape = electrode.outline.inscribed_polygon
+            if 1e3 * shape.distance(centre) < reach_mm:
+                half_width = max(half_width, 1e3 * np.abs(shape.bounds).max())
+    draw_rim(ax, rim, half_width)
     for electrode in electrodes:
         draw_electrode(ax, electrode.outline, [electrode.name])
 

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from pvdf_fem.arrays import Array
 from pvdf_fem.electrodes.film_data import FilmData
 from pvdf_fem.scene.arguments import coerce
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.view.figures import (
     COLOURS,
@@ -62,8 +63,8 @@ def draw_film_map(
         with use_style():
             return draw_film_map(film, name, make_map_axes(), reach_mm)
     ax = coerce("ax", ax, Axes)
-    radius_mm = scene.film.radius_mm
-    draw_rim(ax, radius_mm, radius_mm if reach_mm is None else reach_mm)
+    rim = scene.film.outline
+    draw_rim(ax, rim, reach_mm)
     ax.set_title(_describe_probes(scene))
     drawn = film_map.draw(ax, film, film_map)
     if drawn is not None:
@@ -75,7 +76,7 @@ def draw_film_map(
             edge_mm = film.contacts[probe_load.patch].edge_mm
         ax.plot(*edge_mm.T, color=COLOURS[1], path_effects=[HALO])
     if film_map.region is not None and reach_mm is None:
-        _zoom_to_points(ax, film_map.region(film), radius_mm)
+        _zoom_to_points(ax, film_map.region(film), rim)
     return get_figure(ax)
 
 
@@ -122,7 +123,7 @@ def _describe_probes(scene: Scene) -> str:
     return f"{probe.shape} at ({probe.x_mm:.3g}, {probe.y_mm:.3g}) mm, {forces[0]}"
 
 
-def _zoom_to_points(ax: Axes, points_mm: Array, radius_mm: float, margin: float = 0.2) -> None:
+def _zoom_to_points(ax: Axes, points_mm: Array, rim: Outline, margin: float = 0.2) -> None:
     """Set the limits of axes to a square around points, and draw the whole film in a corner.
 
     Parameters
@@ -131,8 +132,8 @@ def _zoom_to_points(ax: Axes, points_mm: Array, radius_mm: float, margin: float 
         Axes in mm, whose limits are changed and which get an inset.
     points_mm : ndarray, shape (n, 2)
         Points in mm that remain visible.
-    radius_mm : float
-        Radius of the film in mm, for the inset.
+    rim : Outline
+        Outline of the film in m, for the inset.
     margin : float
         Distance of the points from the edges, as a fraction of the largest distance of two points
         along x or y.
@@ -143,6 +144,6 @@ def _zoom_to_points(ax: Axes, points_mm: Array, radius_mm: float, margin: float 
     half_width = (0.5 + margin) * (high - low).max()
     ax.set(xlim=(x - half_width, x + half_width), ylim=(y - half_width, y + half_width))
     whole = ax.inset_axes((0.0, 0.0, 0.22, 0.22))
-    draw_rim(whole, radius_mm, radius_mm)
+    draw_rim(whole, rim)
     whole.plot(x, y, "s", color=COLOURS[1])
     whole.set_axis_off()

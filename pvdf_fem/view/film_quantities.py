@@ -216,10 +216,14 @@ def _draw_principal_directions(ax: Axes, film: FilmData, film_map: FilmMap) -> S
         The artist for a colour bar.
     """
     drawn = _draw_continuous_field(ax, film, film_map)
-    reach = np.ptp(ax.get_xlim()) / 2.0
-    ticks, step = np.linspace(-reach, reach, 36, retstep=True)
-    grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
-    is_on_film = np.hypot(*grid.T) < 0.99 * film.scene.film.radius_mm
+    x_limits = np.array(ax.get_xlim())
+    y_limits = np.array(ax.get_ylim())
+    step = max(np.ptp(x_limits), np.ptp(y_limits)) / 35.0
+    x = np.arange(x_limits[0], x_limits[1] + 0.5 * step, step)
+    y = np.arange(y_limits[0], y_limits[1] + 0.5 * step, step)
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    table = film.scene.film
+    is_on_film = table.outline.compute_signed_distances(grid / 1e3) < -0.01 * table.radius
     centres = grid[is_on_film]
     stress = evaluate_at(film.equilibrium, film.state, *centres.T).stress_MPa
     smaller, larger = compute_principal_values(stress)

@@ -88,7 +88,7 @@ def make_film_view(data: FilmData, name: str, scale: float | None, html: str | P
     if scale is None:
         # every third unknown is a deflection
         largest_mm = 1e3 * float(np.abs(data.state.dofs[2::3]).max())
-        quarter_mm = 0.25 * scene.film.radius_mm
+        quarter_mm = 250.0 * scene.film.radius
         scale = quarter_mm / largest_mm if largest_mm > 0.0 else quarter_mm
     plotter = pyvista.Plotter(off_screen=html is not None)
     film = make_film_surface(data, film_map, scale)
@@ -105,7 +105,7 @@ def make_film_view(data: FilmData, name: str, scale: float | None, html: str | P
         smooth_shading=True,
     )
     # lines are drawn slightly above the film, which would otherwise hide them
-    above = np.array([0.0, 0.0, 2e-3 * scene.film.radius_mm])
+    above = np.array([0.0, 0.0, 2.0 * scene.film.radius])
     contours = film.contour(9, scalars=film.points[:, 2]).translate(above)
     if contours.n_points:  # a flat film has none
         plotter.add_mesh(contours, color="white", opacity=0.5)

@@ -81,7 +81,7 @@ def draw_charge_map(
     levels = [tick for tick in ticks if colours.low < tick < colours.high]
     centres = [1e3 * electrode.outline.centroid for electrode in scene.electrode_list]
     draw_labelled_contours(ax, x, y, charges, levels=levels, occupied=np.array(centres))
-    draw_film(ax, scene.film.radius_mm, scene.electrode_list, MARGIN * reach_mm)
+    draw_film(ax, scene.film.outline, scene.electrode_list, MARGIN * reach_mm)
     ax.set_title(title)
     add_colour_bar(ax, filled, "total charge (pC)", ticks=levels)
     return get_figure(ax)
@@ -284,7 +284,8 @@ def draw_sensor_on_stage(ax: Axes, scene: Scene, reach_mm: float) -> None:
     """
     stage = scene.stage or Stage()
     centre_mm = np.array([stage.x_mm, stage.y_mm])
-    draw_rim(ax, scene.film.radius_mm, reach_mm, centre_mm)
+    rim = scene.film.outline.transform(stage.rotation, centre_mm / 1e3)
+    draw_rim(ax, rim, reach_mm, centre_mm)
     for electrode in scene.electrode_list:
         outline = electrode.outline.transform(stage.rotation, centre_mm / 1e3)
         draw_electrode(ax, outline, [electrode.name])

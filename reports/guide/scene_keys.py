@@ -61,6 +61,8 @@ TABLES: Mapping[str, list[TableForm]] = {
 }
 #: Descriptions of tables of several shapes, in the example.
 ABOUT = {
+    "[film]": "The film, flat and clamped along its rim, whose outline may have any flat shape; the"
+    " point (x, y) of the shape is the film's centre.",
     "[[film.patches]]": inspect.cleandoc(Patch.__doc__ or ""),
     "[electrodes]": inspect.cleandoc(Layout.__doc__ or ""),
     "[[electrodes]]": "In place of the layout, any electrodes; they may touch, but not overlap.",

@@ -129,7 +129,7 @@ def draw_found_places(scene: Scene, true: Any, found: Any, pulls: Mapping[str, A
     """
     figure = make_figure(WIDE_MM, 84.0)
     film, shares = figure.subplots(1, 2, width_ratios=[1.2, 1.0])
-    draw_film(film, scene.film.radius_mm, scene.electrode_list, SHOWN_MM)
+    draw_film(film, scene.film.outline, scene.electrode_list, SHOWN_MM)
     true_mm = np.asarray(np.vstack(true), dtype=float)
     found_mm = np.asarray(np.vstack(found), dtype=float)
     x_mm = np.stack([true_mm[:, 0], found_mm[:, 0]])
@@ -185,7 +185,7 @@ class ErrorMap(TouchFigure):
             )
             electrodes = task.with_electrodes(layout).electrode_list
             for ax in (upper, lower):
-                draw_film(ax, task.scene.film.radius_mm, electrodes, SHOWN_MM)
+                draw_film(ax, task.scene.film.outline, electrodes, SHOWN_MM)
                 ax.label_outer()
             upper.set_title(f"{layout} electrodes")
         figure.colorbar(shades, ax=axes[0], label="error (mm)", format="%g")

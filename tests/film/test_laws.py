@@ -10,7 +10,7 @@ from pvdf_fem.film.laws.laminate import LAWS
 from pvdf_fem.film.laws.law import Law
 from pvdf_fem.film.laws.neo_hookean import NeoHookean
 from pvdf_fem.film.laws.tension_field import TensionField
-from pvdf_fem.scene.film import compute_plane_stress_stiffness
+from pvdf_fem.scene.placed.patch import compute_plane_stress_stiffness
 
 NONE = np.zeros(3)
 #: Young's moduli of about 1 Pa, a Poisson's ratio, and what else a film has.

@@ -12,10 +12,11 @@ from pvdf_fem.film.loads.uneven_strain import (
     compute_mean_warming,
     describe_heat_effects,
 )
-from pvdf_fem.mesh.symmetry import WHOLE_FILM, find_symmetry_sector
+from pvdf_fem.mesh.symmetry import WHOLE_FILM
 from pvdf_fem.problem import problem as problem_module
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
+from pvdf_fem.problem.symmetry import find_symmetry_sector
 from pvdf_fem.scene.outlines.outline import rotate
 from pvdf_fem.scene.scene import Replaced
 from pvdf_fem.solver.adaptive import compute_unloaded_charges

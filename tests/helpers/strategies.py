@@ -7,6 +7,7 @@ from typing import Any, Literal, get_args, get_origin
 from hypothesis import strategies as st
 
 from pvdf_fem.scene.changes import to_plain_value
+from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.load import Load, LoadOverrides
 from pvdf_fem.scene.scene import Numerics
 from pvdf_fem.scene.scene_file import format_toml
@@ -32,7 +33,8 @@ def example(form: TableForm, name: str) -> Any:
     field = form.fields[name]
     default = None if field.is_required() else field.default
     if default is None:
-        default = GIVEN.get(name, form.key_of(name).example)
+        usual = form.key_of(name).example
+        default = usual if form.table is Film else GIVEN.get(name, usual)
     return to_plain_value(default)
 
 

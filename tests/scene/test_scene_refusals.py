@@ -221,7 +221,7 @@ def test_all_errors_of_a_file_are_reported_at_once():
     text = "bogus = 1\n[film]\nthicknes_um = 30\npoisson_ratio = 0.7\n[load]\nkind = 'ded'\n"
     text += electrode(y_mm=44) + electrode("B", x_mm="1") + electrode(x_mm=1, y_mm=44)
     text += "[[probe]]\nx_mm = 60\n[[probe]]\nx = 1\n"
-    single = ["film.poisson_ratio", "film.thicknes_um", "electrodes[1].x_mm", "probe[1].x"]
+    single = ["film.thicknes_um", "film.poisson_ratio", "electrodes[1].x_mm", "probe[1].x"]
     # and what is wrong between the parts that are valid by themselves
     between = ["electrodes[0].y_mm", "electrodes[2].y_mm", "electrodes[2].name"]
     between += ["electrodes[2].x_mm", "probe[0].x_mm"]

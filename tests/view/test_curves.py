@@ -47,5 +47,5 @@ def test_numbers_are_formatted_with_the_digits_that_the_error_leaves():
 def test_a_map_is_enlarged_so_that_no_electrode_is_cut(reach_mm, seen_mm):
     """Of squares of 3 mm at 10 mm from the centre."""
     ax = make_figure(80.0, 80.0).subplots()
-    draw_film(ax, 45.0, Scene().electrode_list, reach_mm)
+    draw_film(ax, Scene().film.outline, Scene().electrode_list, reach_mm)
     assert ax.get_xlim() == pytest.approx((-1.02 * seen_mm, 1.02 * seen_mm))

@@ -66,6 +66,7 @@ def run(options: argparse.Namespace) -> int:
         If the file cannot be written.
     """
     from pvdf_fem.view.drawings.draw import FORMATS, draw
+    from pvdf_fem.view.drawings.sheet import describe_rim
 
     errors = find_output_errors(options.file, FORMATS, options.scene)
     if options.r12 and options.file.suffix.lower() != ".dxf":
@@ -79,5 +80,5 @@ def run(options: argparse.Namespace) -> int:
         dxf_version="R12" if options.r12 else "R2010",
     )
     names = ", ".join(electrode.name for electrode in scene.electrode_list)
-    print(f"{options.file}: scale 1:1, rim {2.0 * scene.film.radius_mm:g} mm, electrodes {names}")
+    print(f"{options.file}: scale 1:1, {describe_rim(scene.film)} mm, electrodes {names}")
     return ExitCode.CONVERGED

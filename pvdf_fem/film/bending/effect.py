@@ -25,8 +25,9 @@ from pvdf_fem.film.effects import format_two_digits
 from pvdf_fem.film.loads.contact_estimate import estimate_pressed_area
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.film.point_load import estimate_load_fraction, estimate_tension
-from pvdf_fem.scene.film import Film, Layer
+from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
+from pvdf_fem.scene.placed.patch import Layer
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 
@@ -193,7 +194,8 @@ def _estimate_edge_changes(
     a = film.radius
     b = _compute_equivalent_radius(press.outline)
     # the lower bound keeps the changes finite for a probe that touches the rim
-    gap = max(1.0 - press.outline.reach / a, FIT.min_gap * b / a)
+    rim_distance = -press.outline.compute_excess(film.outline)
+    gap = max(rim_distance / a, FIT.min_gap * b / a)
     power = 1 if press.is_rigid else 2
     distances = []
     for electrode in scene.electrode_list:

@@ -133,8 +133,9 @@ def _map_tip_to_undeformed_film(probe: LoadedProbe, film: Film, width: float) ->
     force = estimate_load_force(probe.load, film)
     centre = probe.outline.centroid
     edge_radius = tip.face_perimeter / (2.0 * np.pi) + width
-    # the length in the logarithm of the deflection under a point load off the centre
-    rim_distance = film.radius - float(np.hypot(*centre)) ** 2 / film.radius
+    # the length in the logarithm of the deflection under a point load off the centre of a disc
+    gap = -float(film.outline.compute_signed_distances(centre[None])[0])
+    rim_distance = gap * (2.0 - min(gap / film.radius, 1.0))
     distance = min(edge_radius, 0.5 * rim_distance)
     deflection = estimate_point_deflection(film, force, distance, rim_distance)
     unloaded_tension = film.thickness * film.prestress[:2].mean()
@@ -187,6 +188,7 @@ def estimate_contact_width(probe: LoadedProbe, film: Film, halvings: int = 60) -
         else:
             low = width
     width *= WIDTH_FACTOR
-    while tip.make_offset_outline(width).reach > 0.98 * film.radius and width > 0.0:
+    margin = 0.02 * film.radius
+    while width > 0.0 and tip.make_offset_outline(width).compute_excess(film.outline) > -margin:
         width *= 0.8
     return width

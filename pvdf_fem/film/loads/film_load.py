@@ -55,7 +55,7 @@ class FilmLoad(LoadTerm):
     @property
     def force(self) -> float:
         """Magnitude of the total force in N."""
-        return abs(self.pressure) * np.pi * self.film.radius**2
+        return abs(self.pressure) * self.film.outline.area
 
     def scaled(self, factor: float) -> Self:
         """Return a copy of the load whose force is multiplied by a factor."""

@@ -413,10 +413,9 @@ class RigidTip(ProbeLoad):
         elements, weighted = self._select_tractions(state)
         return ElementForces(elements, weighted.sum(axis=1))
 
-    def compute_contact_radius(self, state: State) -> float:
-        """Return the maximum distance in m from the film's centre at which the film touches.
+    def find_touching_points(self, state: State) -> Array:
+        """Find the quadrature points of the undeformed film that touch the tip.
 
-        Distances are those of quadrature points on the undeformed film; 0 if none touches.
+        Return them in m, in the axes of the scene, shape (n, 2).
         """
-        touching = self.space.quadrature_points[self.overlap(state).is_touching]
-        return float(np.linalg.norm(touching, axis=1).max(initial=0.0))
+        return self.space.quadrature_points[self.overlap(state).is_touching] @ self.sector.frame

@@ -286,17 +286,17 @@ def _find_load_errors(table: TouchTable, scene: Scene) -> Iterator[str]:
     for row in table.rows[table.forces_N <= 0.0]:
         yield f"row {row}: force_N is not positive; give a force above 0 N"
 
-    radius_mm = scene.film.radius_mm
+    reach_mm = 1e3 * scene.film.reach
     distances_mm = np.hypot(places_mm[:, 0], places_mm[:, 1])
     outside = []
     for index, probe_load in enumerate(table.probe_loads):
         if place_probe(scene, probe_load) is None:
             outside.append(index)
-    if 2 * len(outside) > len(table) and np.median(distances_mm) > MICROMETRE_RADII * radius_mm:
+    if 2 * len(outside) > len(table) and np.median(distances_mm) > MICROMETRE_RADII * reach_mm:
         distance = f"{np.median(distances_mm):.3g} mm from the centre"
-        film = f"of a film with the radius {radius_mm:g} mm"
+        film = f"of the film ({scene.film.describe_outline()})"
         yield f"columns x_mm, y_mm: positions {distance} {film} look like µm; give mm"
-    elif not outside and 0.0 < distances_mm.max() < METRE_RADII * radius_mm:
+    elif not outside and 0.0 < distances_mm.max() < METRE_RADII * reach_mm:
         distance = f"within {distances_mm.max():.2g} mm of the centre"
         yield f"columns x_mm, y_mm: positions {distance} look like m; give mm"
     else:

@@ -335,7 +335,7 @@ def _make_probe_list_scene(scene: Scene, touches: int, unknown: Sequence[str]) -
             table["tangential_N"] = loaded.load.tangential_N or (0.0, 0.0)
         tables.append(table)
     if len(probes) > len(scene_probes):
-        offset_mm = min(0.5e3 * probes[0].outline.perimeter, 0.5 * scene.film.radius_mm)
+        offset_mm = min(0.5e3 * probes[0].outline.perimeter, 500.0 * scene.film.radius)
         for table, x_mm in zip(tables, (-offset_mm, offset_mm), strict=True):
             table |= {"x_mm": x_mm, "y_mm": 0.0}
     return scene.with_(probe=tables)

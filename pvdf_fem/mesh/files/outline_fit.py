@@ -15,7 +15,7 @@ from pvdf_fem.mesh.subdomains import FILM
 from pvdf_fem.scene.outlines.outline import Outline
 
 
-def require_disc(mesh: MeshTri2, radius: float, slack: float) -> None:
+def require_rim(mesh: MeshTri2, rim: Outline, slack: float) -> None:
     """Raise `MeshFileError` unless the boundary sides of a mesh are on the rim.
 
     Holes and cracks inside the film have boundary sides off the rim.
@@ -24,15 +24,15 @@ def require_disc(mesh: MeshTri2, radius: float, slack: float) -> None:
     ----------
     mesh : MeshTri2
         With coordinates in m about the film's centre.
-    radius : float
-        Radius of the film in m.
+    rim : Outline
+        Outline of the film.
     slack : float
-        Maximum distance from the rim as a fraction of the radius.
+        Maximum distance from the rim as a fraction of the film's hydraulic radius.
     """
     border = mesh.facets[:, mesh.boundary_facets()]
-    x, y = mesh.p[:, border]
-    rim_distances = np.abs(np.hypot(x, y) - radius).max(axis=0)
-    is_off_rim = rim_distances > slack * radius
+    ends = mesh.p[:, border].reshape(2, -1).T
+    rim_distances = np.abs(rim.compute_signed_distances(ends)).reshape(2, -1).max(axis=0)
+    is_off_rim = rim_distances > slack * rim.hydraulic_radius
     if is_off_rim.any():
         raise MeshFileError(
             f"has {is_off_rim.sum()} sides inside the film with only one triangle; give the whole"

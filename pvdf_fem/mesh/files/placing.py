@@ -1,4 +1,4 @@
-"""The unit and the place of a mesh, from the radius and the centre of its film."""
+"""The unit and the place of a mesh, from the size and the centre of its film."""
 
 from __future__ import annotations
 
@@ -8,9 +8,15 @@ import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.mesh.files.content import MeshFileError
+from pvdf_fem.scene.film import Film
 
 #: Units of mesh files in m.
 UNITS_M = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "µm": 1e-6, "in": 25.4e-3}
+#: Maximum difference of width and height of films that are not discs, and maximum distance of their
+#: middles, as fractions. The vertices of a coarse mesh miss the extreme points of a curved rim: of
+#: an ellipse with 16 sides by up to 4 %. The outlines are compared afterwards.
+SIZE_SLACK = 0.2
+SHIFT_SLACK = 0.05
 # Units that need no note.
 _USUAL_UNITS = ("m", "mm")
 
@@ -27,19 +33,20 @@ class Placement(NamedTuple):
         return self.unit_m * (points - self.centre)
 
 
-def find_placement(border: Array, radius_m: float, slack: float) -> Placement:
+def find_placement(border: Array, film: Film, slack: float) -> Placement:
     """Find the unit and the centre of a mesh from the nodes on its boundary.
 
-    A film about the origin is not moved, even if its centre differs by a fraction of `slack`.
+    A disc about the origin is not moved, even if its centre differs by a fraction of `slack`. Films
+    of other shapes are never moved.
 
     Parameters
     ----------
     border : ndarray, shape (n, 2)
         Nodes on the boundary of the mesh, in an unknown unit.
-    radius_m : float
-        Radius of the film in m.
+    film : Film
+        The film of the scene.
     slack : float
-        Maximum relative difference of the radii.
+        Maximum relative difference of the radii of a disc.
 
     Returns
     -------
@@ -48,8 +55,43 @@ def find_placement(border: Array, radius_m: float, slack: float) -> Placement:
     Raises
     ------
     MeshFileError
-        If the film has another radius in every unit, or is not round.
+        If the film has another size in every unit, or another shape or place.
     """
+    if film.is_disc:
+        return _find_disc_placement(border, film.radius, slack=slack)
+    return _find_box_placement(border, film)
+
+
+def _find_box_placement(border: Array, film: Film) -> Placement:
+    """Find the unit of a film that is not a disc by its width and height.
+
+    The parameters and the result are those of `find_placement`.
+    """
+    left, low, right, high = film.bounds_mm
+    expected = np.array([right - left, high - low]) / 1e3
+    middle = np.array([left + right, low + high]) / 2e3
+    size = np.ptp(border, axis=0)
+    for name, unit in UNITS_M.items():
+        if np.abs(size * unit / expected - 1.0).max() > SIZE_SLACK:
+            continue
+        shift = 0.5 * (border.min(axis=0) + border.max(axis=0)) - middle / unit
+        if np.abs(shift * unit).max() > SHIFT_SLACK * expected.max():
+            x, y = shift
+            raise MeshFileError(
+                f"has its film moved by ({x:.6g}, {y:.6g}) {name} from its place in the scene;"
+                " move the mesh there"
+            )
+        return Placement(unit, np.zeros(2), _describe_unit(name))
+    width, height = size
+    raise MeshFileError(
+        f"has a film of {width:.6g} x {height:.6g}, but that of the scene is a"
+        f" {film.describe_outline()}; give it in one of the units {', '.join(UNITS_M)}, or change"
+        " the sizes of [film]"
+    )
+
+
+def _find_disc_placement(border: Array, radius_m: float, slack: float) -> Placement:
+    """Find the unit and the centre of a disc with a radius in m; see `find_placement`."""
     reach = float(np.hypot(border[:, 0], border[:, 1]).max())
     unit = _find_unit(reach, radius_m, slack=slack)
     if unit is not None:

@@ -165,7 +165,7 @@ class ChargeVsDistance(CurveKind):
             If `step_mm` is too small, or if a line has no position within the reach.
         """
         reach_mm = choose_default_reach_mm(scene) if self.reach_mm is None else self.reach_mm
-        count = math.floor(2.0 * scene.film.radius_mm / step_mm) + 1
+        count = math.floor(2e3 * scene.film.reach / step_mm) + 1
         if count > MAX_STEPS:
             reason = f"gives {count} positions on a line, more than {MAX_STEPS}; use a larger step"
             raise SceneError([format_error("step_mm", step_mm, reason)])

@@ -324,7 +324,7 @@ def _draw_panel(ax: Axes, data: IsochargeData, name: str, shades: Array) -> Scal
     centres = [1e3 * electrode.outline.centroid for electrode in electrodes]
     occupied = np.array([*centres, *positions])
     draw_labelled_contours(ax, x, y, values, levels=data.levels_pC[name], occupied=occupied)
-    draw_film(ax, data.scene.film.radius_mm, electrodes, 1.04 * float(data.raster_mm.max()))
+    draw_film(ax, data.scene.film.outline, electrodes, 1.04 * float(data.raster_mm.max()))
     ax.plot(*positions.T, **RING, markeredgecolor=COLOURS[1], markersize=4.0)
     ax.set(title=f"electrode {name}", xlabel="", ylabel="")
     return filled

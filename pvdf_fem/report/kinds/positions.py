@@ -159,8 +159,8 @@ class Positions(MapKind):
             electrodes |= dict.fromkeys(scene.electrode_list)
         centres = [1e3 * electrode.outline.centroid for electrode in electrodes]
         reach = 1.25 * float(np.linalg.norm([*data.true_mm, *centres], axis=1).max())
-        radius_mm = data.scenes[0].film.radius_mm
-        draw_film(axes, radius_mm, electrodes, min(reach, radius_mm))
+        film = data.scenes[0].film
+        draw_film(axes, film.outline, electrodes, min(reach, 1e3 * film.reach))
         for colour, (name, errors) in zip(COLOURS, data.errors_mm.items(), strict=False):
             for (x, y), error in zip(data.true_mm.tolist(), errors.tolist(), strict=True):
                 if np.isfinite(error):

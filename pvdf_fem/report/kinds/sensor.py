@@ -54,10 +54,10 @@ class Sensor(FigureKind):
             corners_mm = 1e3 * np.array(probe_load.outline.inscribed_polygon.exterior.coords)
             patch = Polygon(corners_mm, facecolor=COLOURS[1], alpha=0.45, edgecolor="none")
             axes.add_patch(patch)
-        draw_film(axes, data.scene.film.radius_mm, data.scene.electrode_list)
+        draw_film(axes, data.scene.film.outline, data.scene.electrode_list)
 
     def make_caption(self, data: SensorData) -> str:
         """Return a caption with the diameter and thickness of the film."""
         film = data.scene.film
         probe = ", probe filled" if data.scene.loaded_probes else ""
-        return f"Film of {2.0 * film.radius_mm:g} mm and {film.thickness_um:g} µm{probe}."
+        return f"Film: {film.describe_outline()}, {film.thickness_um:g} µm{probe}."

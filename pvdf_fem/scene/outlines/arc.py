@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -169,3 +170,62 @@ class Arc:
         if self.covers(top[None])[0]:
             candidates.append(top)
         return max(candidates, key=lambda point: float(point @ direction))
+
+    def compute_midpoints(self, starts: Array, ends: Array) -> Array:
+        """Compute the midside nodes of element sides along the arc.
+
+        Parameters
+        ----------
+        starts, ends : ndarray, shape (n, 2)
+            Ends of the element sides on the arc, in m.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+            Midside nodes in m.
+        """
+        half_angle = np.arcsin(0.5 * np.linalg.norm(ends - starts, axis=1) / self.radius)
+        sine = np.sin(half_angle)
+        cosine = np.cos(half_angle)
+        # between arc and chord, the quadratic arc encloses 4/3 (r - cos h) sin h
+        radius = cosine + 0.75 * (half_angle - sine * cosine) / sine
+        middle = 0.5 * (starts + ends) - self.centre
+        outward = middle / np.linalg.norm(middle, axis=1, keepdims=True)
+        return self.centre + (self.radius * radius)[:, None] * outward
+
+    def find_maximum(self, function: Callable[[Array], Array]) -> float:
+        """Find the maximum of a function along the arc.
+
+        Parameters
+        ----------
+        function : callable
+            Maps points in m, an ndarray of shape (n, 2), to values of shape (n,).
+
+        Returns
+        -------
+        float
+            Maximum in the unit of the function.
+
+        Notes
+        -----
+        A grid along the arc is refined around each local maximum, as along an `Ellipse`.
+        """
+        count = max(8, int(256.0 * abs(self.angle) / (2.0 * np.pi)))
+        step = 1.0 / count
+        fractions = np.linspace(0.0, 1.0, count + 1)[None]
+        maximum = -np.inf
+        while step * abs(self.angle) > 1e-8:
+            points = self.compute_points(fractions.ravel())
+            values = function(points).reshape(fractions.shape)
+            maximum = max(maximum, float(values.max()))
+            if len(fractions) == 1 and fractions.shape[1] == count + 1:
+                padded = np.pad(values[0], 1, constant_values=-np.inf)
+                is_peak = (values[0] >= padded[:-2]) & (values[0] >= padded[2:])
+                peaks = fractions[0, is_peak]
+            else:
+                columns = values.argmax(axis=1)[:, None]
+                peaks = np.take_along_axis(fractions, columns, axis=1)[:, 0]
+            around = peaks[:, None] + step * np.linspace(-1.0, 1.0, 33)
+            fractions = np.clip(around, 0.0, 1.0)
+            step /= 16.0
+        return maximum

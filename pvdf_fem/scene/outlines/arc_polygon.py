@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from pvdf_fem.arrays import Array, Mask
+from pvdf_fem.arrays import Array, Indices, Mask
 from pvdf_fem.scene.outlines.arc import Arc
 from pvdf_fem.scene.outlines.outline import Line, Outline
 from pvdf_fem.scene.outlines.polygon import find_polygon_defect, make_gauss_rule
@@ -198,18 +198,30 @@ class ArcPolygon(Outline):
         """
         deepest = -float(other.compute_signed_distances(self.vertices).min())
         for arc in self.arcs:
-            deepest = max(deepest, _compute_arc_depth(arc, other))
+            depth = arc.find_maximum(lambda points: -other.compute_signed_distances(points))
+            deepest = max(deepest, depth)
         return deepest
 
+    def compute_excess(self, other: Outline) -> float:
+        """Compute the maximum distance of vertices and arcs from another outline.
+
+        See `Outline.compute_excess`.
+        """
+        farthest = float(other.compute_signed_distances(self.vertices).max())
+        for arc in self.arcs:
+            distance = arc.find_maximum(other.compute_signed_distances)
+            farthest = max(farthest, distance)
+        return farthest
+
     def compute_arc_midpoints(self, starts: Array, ends: Array) -> Array:
-        """Compute the midside nodes of quadratic elements along the arcs.
+        """Compute the midside nodes of quadratic elements along the boundary.
 
         With these nodes, the elements together have the area of the outline.
 
         Parameters
         ----------
         starts, ends : ndarray, shape (n, 2)
-            Ends of element sides on the arcs, in m.
+            Ends of element sides on the boundary, in m.
 
         Returns
         -------
@@ -218,24 +230,26 @@ class ArcPolygon(Outline):
 
         Notes
         -----
-        Each side gets the arc that is nearest to both of its ends. See
-        `Ellipse.compute_arc_midpoints` for the radius of the node.
+        Each element side is along the piece of the boundary that is nearest to both of its ends. On
+        a straight piece its node is in the middle. See `Ellipse.compute_arc_midpoints` for the
+        radius of the node on an arc.
         """
+        nearest = self._find_nearest_pieces(starts, ends)
+        midpoints = 0.5 * (starts + ends)
+        for number, piece in enumerate(self.boundary):
+            if isinstance(piece, Arc):
+                along = nearest == number
+                midpoints[along] = piece.compute_midpoints(starts[along], ends[along])
+        return midpoints
+
+    def _find_nearest_pieces(self, starts: Array, ends: Array) -> Indices:
+        """Find the piece of the boundary that is nearest to both ends of each side, shape (n,)."""
         distances = []
-        for arc in self.arcs:
-            from_ends = np.maximum(arc.compute_distances(starts), arc.compute_distances(ends))
-            distances.append(from_ends)
-        nearest = np.argmin(distances, axis=0)
-        centres = np.array([arc.centre for arc in self.arcs])[nearest]
-        radii = np.array([arc.radius for arc in self.arcs])[nearest]
-        half_angle = np.arcsin(0.5 * np.linalg.norm(ends - starts, axis=1) / radii)
-        sine = np.sin(half_angle)
-        cosine = np.cos(half_angle)
-        # between arc and chord, the quadratic arc encloses 4/3 (r - cos h) sin h
-        radius = cosine + 0.75 * (half_angle - sine * cosine) / sine
-        middle = 0.5 * (starts + ends) - centres
-        outward = middle / np.linalg.norm(middle, axis=1, keepdims=True)
-        return centres + (radii * radius)[:, None] * outward
+        for piece in self.boundary:
+            from_starts = _compute_distances(piece, starts)
+            from_ends = _compute_distances(piece, ends)
+            distances.append(np.maximum(from_starts, from_ends))
+        return np.argmin(distances, axis=0)
 
     def make_boundary_rule(self, count: int) -> tuple[Array, Array]:
         """Make a Gauss-Legendre rule on every side of the boundary.
@@ -381,31 +395,3 @@ def _compute_fraction(arc: Arc, point: Array) -> float:
     offset = point - arc.centre
     cross = outward[0] * offset[1] - outward[1] * offset[0]
     return float(0.5 + np.arctan2(cross, outward @ offset) / arc.angle)
-
-
-def _compute_arc_depth(arc: Arc, other: Outline) -> float:
-    """Compute the maximum depth in m of an arc in another outline, negative outside.
-
-    Notes
-    -----
-    A grid along the arc is refined around each local maximum, as in `Ellipse.compute_depth_in`.
-    """
-    count = max(8, int(256.0 * abs(arc.angle) / (2.0 * np.pi)))
-    step = 1.0 / count
-    fractions = np.linspace(0.0, 1.0, count + 1)[None]
-    deepest = -np.inf
-    while step * abs(arc.angle) > 1e-8:
-        points = arc.compute_points(fractions.ravel())
-        depth = -other.compute_signed_distances(points).reshape(fractions.shape)
-        deepest = max(deepest, float(depth.max()))
-        if len(fractions) == 1 and fractions.shape[1] == count + 1:
-            padded = np.pad(depth[0], 1, constant_values=-np.inf)
-            is_peak = (depth[0] >= padded[:-2]) & (depth[0] >= padded[2:])
-            peaks = fractions[0, is_peak]
-        else:
-            columns = depth.argmax(axis=1)[:, None]
-            peaks = np.take_along_axis(fractions, columns, axis=1)[:, 0]
-        around = peaks[:, None] + step * np.linspace(-1.0, 1.0, 33)
-        fractions = np.clip(around, 0.0, 1.0)
-        step /= 16.0
-    return deepest

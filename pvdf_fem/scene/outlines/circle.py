@@ -43,6 +43,11 @@ class Circle(Ellipse):
         """The radius in m."""
         return self.radius
 
+    @property
+    def hydraulic_radius(self) -> float:
+        """The radius in m."""
+        return self.radius
+
     def transform(self, frame: Array, shift: Array | float = 0.0) -> Circle:
         """Return a transformed copy; see `Outline.transform`."""
         return Circle(frame @ self.centre + shift, self.radius)

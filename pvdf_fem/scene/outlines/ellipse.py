@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -121,27 +122,47 @@ class Ellipse(Outline):
         float
             Maximum depth in m of the ellipse's points, negative if all are outside.
 
+        """
+        return self._find_maximum(lambda points: -other.compute_signed_distances(points))
+
+    def compute_excess(self, other: Outline) -> float:
+        """Compute the maximum distance of the ellipse from another outline; see the base class."""
+        return self._find_maximum(other.compute_signed_distances)
+
+    def _find_maximum(self, function: Callable[[Array], Array]) -> float:
+        """Find the maximum of a function along the ellipse.
+
+        Parameters
+        ----------
+        function : callable
+            Maps points in m, an ndarray of shape (n, 2), to values of shape (n,).
+
+        Returns
+        -------
+        float
+            Maximum in the unit of the function.
+
         Notes
         -----
         A grid along the ellipse is refined around each local maximum, until its spacing is 1e-8
-        radians. The error of the depth is quadratic in the spacing.
+        radians. The error of the maximum is quadratic in the spacing.
         """
         angles = _make_even_angles()  # first the whole ellipse, later a row for each local maximum
         step = angles[1]
-        deepest = -np.inf
+        maximum = -np.inf
         while step > 1e-8:
             points = self.compute_points(angles.ravel())
-            depth = -other.compute_signed_distances(points).reshape(angles.shape)
-            deepest = max(deepest, float(depth.max()))
+            values = function(points).reshape(angles.shape)
+            maximum = max(maximum, float(values.max()))
             if angles.ndim == 1:
-                is_peak = (depth >= np.roll(depth, 1)) & (depth >= np.roll(depth, -1))
+                is_peak = (values >= np.roll(values, 1)) & (values >= np.roll(values, -1))
                 peaks = angles[is_peak]
             else:
-                columns = depth.argmax(axis=1)[:, None]
+                columns = values.argmax(axis=1)[:, None]
                 peaks = np.take_along_axis(angles, columns, axis=1)[:, 0]
             angles = peaks[:, None] + step * np.linspace(-1.0, 1.0, 33)
             step /= 16.0
-        return deepest
+        return maximum
 
     def compute_arc_midpoints(self, starts: Array, ends: Array) -> Array:
         """Compute the midside nodes of quadratic elements along the ellipse.

@@ -62,6 +62,14 @@ class Outline(ABC):
         return float(np.linalg.norm(normals, axis=1).sum())
 
     @property
+    def hydraulic_radius(self) -> float:
+        """Twice the area divided by the perimeter, in m: the radius of a circle.
+
+        Of a slender outline it is nearly its width.
+        """
+        return 2.0 * self.area / self.perimeter
+
+    @property
     def longest_side(self) -> float:
         """Length in m of the longest of the parts to which the boundary's rule gives points.
 
@@ -174,6 +182,27 @@ class Outline(ABC):
         other outline penetrates a side between corners, the depth of the other outline is larger.
         """
 
+    @abstractmethod
+    def compute_excess(self, other: Outline) -> float:
+        """Compute how far the boundary of this outline extends beyond another outline.
+
+        Parameters
+        ----------
+        other : Outline
+            The outline outside of which the excess is measured, from its boundary outwards.
+
+        Returns
+        -------
+        float
+            Maximum distance in m of the boundary's points from the other outline, negative if all
+            are inside.
+
+        Notes
+        -----
+        Polygons compute the excess of their corners only. If the other outline is not convex, their
+        sides may leave it between the corners; `is_within` considers this.
+        """
+
     def compute_arc_midpoints(self, starts: Array, ends: Array) -> Array:
         """Compute the midside nodes of quadratic elements on a curved boundary.
 
@@ -282,6 +311,22 @@ def has_overlap(a: Outline, b: Outline) -> bool:
         return True
     # the polygons do not intersect if the outlines overlap only between arcs and their chords
     return max(a.compute_depth_in(b), b.compute_depth_in(a)) > slack
+
+
+def is_within(inner: Outline, outer: Outline) -> bool:
+    """Return whether an outline lies inside of another one, which it may touch.
+
+    It may extend beyond the other one by the fraction `LENGTH_TOLERANCE` of the larger distance
+    from the film's centre.
+    """
+    slack = LENGTH_TOLERANCE * max(inner.reach, outer.reach)
+    if inner.compute_excess(outer) > slack:
+        return False
+    # a side may leave an outer outline that is not convex between two corners that are inside
+    outside = inner.inscribed_polygon.difference(outer.inscribed_polygon)
+    parts = shapely.get_parts(outside)
+    points = shapely.get_coordinates(shapely.point_on_surface(parts))
+    return not (outer.compute_signed_distances(points) > slack).any()
 
 
 def average_over(

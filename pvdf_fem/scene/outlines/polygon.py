@@ -111,6 +111,10 @@ class Polygon(Outline):
         """
         return -float(other.compute_signed_distances(self.vertices).min())
 
+    def compute_excess(self, other: Outline) -> float:
+        """Compute the maximum distance of the vertices from another outline; see the base class."""
+        return float(other.compute_signed_distances(self.vertices).max())
+
     def make_boundary_rule(self, count: int) -> tuple[Array, Array]:
         """Make a Gauss-Legendre rule on every side of the boundary.
 

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pvdf_fem.scene.keys import Affects, Key
 from pvdf_fem.scene.placed.placed_shape import PlacedShape
@@ -56,3 +59,41 @@ class Patch(PlacedShape):
     def thickness(self) -> float:
         """Thickness in m."""
         return self.thickness_um / 1e6
+
+
+class Layer(NamedTuple):
+    """The material of a patch, where values that the patch does not give are those of the film."""
+
+    patch: Patch
+    stiffness: NDArray[np.float64]  #: Plane-stress stiffness in Pa, shape (3, 3).
+    prestrain: NDArray[np.float64]  #: Elastic strain on the flat film, shape (3,).
+    expansion: float  #: Coefficient of thermal expansion in 1/K.
+    density: float  #: In kg/m³.
+
+
+def compute_plane_stress_stiffness(E1: Any, E2: Any, nu12: Any, G: Any = None) -> NDArray[Any]:
+    """Compute the stiffness of an orthotropic sheet in plane stress.
+
+    All parameters may be complex (for complex-step derivatives).
+
+    Parameters
+    ----------
+    E1, E2 : float or complex
+        Young's moduli along x and y.
+    nu12 : float or complex
+        Poisson's ratio: contraction along y under stress along x.
+    G : float or complex, optional
+        Shear modulus; by default Huber's estimate √(E1 E2)/(2(1 + √(ν12 ν21))), with
+        ν21 = ν12 E2/E1.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        In Voigt's notation with engineering shear, in the unit of the moduli.
+    """
+    nu21 = nu12 * E2 / E1
+    if G is None:
+        # ν12 √(E2/E1) is √(ν12 ν21) with the sign of ν12
+        G = np.sqrt(E1 * E2) / (2 * (1 + nu12 * np.sqrt(E2 / E1)))
+    m = 1 - nu12 * nu21
+    return np.array([[E1 / m, nu12 * E2 / m, 0], [nu12 * E2 / m, E2 / m, 0], [0, 0, G]])

@@ -115,10 +115,17 @@ class ShapedTable(Section):
             return super().__getattr__(name)
 
     @classmethod
+    def describe_size(cls, name: str, key: Key) -> Key:
+        """Return the description of a size in this table; by default `key`, that of the shape."""
+        return key
+
+    @classmethod
     def list_required_sizes(cls, shape: str) -> list[str]:
-        """Return those size keys of a shape that have no default size in this table."""
+        """Return those size keys of a shape that have no default in the shape or in this table."""
         defaults = cls.default_sizes.get(shape, {})
-        return [name for name in cls.shapes[shape].list_sizes() if name not in defaults]
+        fields = cls.shapes[shape].model_fields
+        sizes = cls.shapes[shape].list_sizes()
+        return [name for name in sizes if fields[name].is_required() and name not in defaults]
 
     @property
     def shape(self) -> str:
@@ -161,7 +168,7 @@ def _list_own_keys(table: type[ShapedTable]) -> frozenset[str]:
 def _collect_table_keys(table: type[ShapedTable], shape: type[Shape]) -> dict[str, Key]:
     """Collect the keys of a table with a shape: its own keys, ``shape`` and the sizes, by name."""
     own = {name: table.key_of(name) for name in table.model_fields if name != "geometry"}
-    sizes = {name: shape.key_of(name) for name in shape.list_sizes()}
+    sizes = {name: table.describe_size(name, shape.key_of(name)) for name in shape.list_sizes()}
     return {**own, "shape": table.shape_key, **sizes}
 
 

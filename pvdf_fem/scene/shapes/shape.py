@@ -39,8 +39,6 @@ class Shape(Section):
     period_deg: ClassVar[float] = 360.0
     #: Whether the unrotated shape is its own mirror image about the y axis.
     is_mirror_symmetric: ClassVar[bool] = False
-    #: Whether the unrotated shape is a rectangle with sides along x and y.
-    is_rectangle: ClassVar[bool] = False
 
     @classmethod
     def list_sizes(cls) -> tuple[str, ...]:
@@ -63,6 +61,11 @@ class Shape(Section):
         Outline
             Outline in m.
         """
+
+    @property
+    def is_rectangle(self) -> bool:
+        """Whether the unrotated shape is a rectangle with sides along x and y."""
+        return False
 
     @property
     def outline(self) -> Outline:

@@ -14,10 +14,14 @@ class SquareShape(PolygonalShape):
 
     period_deg = 90.0
     is_mirror_symmetric = True
-    is_rectangle = True
     shape: Literal["square"] = "square"
     side_mm: Annotated[float, make_size_key(example=3.0)]
     """Length of a side."""
+
+    @property
+    def is_rectangle(self) -> bool:
+        """Whether it is a rectangle: it is."""
+        return True
 
     def make_corners_mm(self) -> Array:
         """Make the corners in mm relative to the centre, shape (4, 2)."""

@@ -14,7 +14,7 @@ from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.keys import Section
 from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.placed.electrode import Electrode, Electrodes
-from pvdf_fem.scene.placed.placed_shape import PLACEMENT_KEYS, ShapedTable
+from pvdf_fem.scene.placed.placed_shape import PLACEMENT_KEYS, SIZE_KEYS, ShapedTable
 from pvdf_fem.scene.placed.probe import ListedProbe, Probe
 from pvdf_fem.scene.scene_file import format_error, quote, suggest
 from pvdf_fem.scene.validation.placement import find_placement_errors
@@ -148,6 +148,9 @@ def _describe_error(details: ErrorDetails, where: str, model: type[BaseModel]) -
     location = details["loc"]
     value = details["input"]
     context = details.get("ctx", {})
+    if "key" in context:  # the error of a whole table, which names one of its keys
+        location = (*location, context["key"])
+        value = context["value"]
     steps = _convert_to_file_steps(location, is_last_step_a_key=kind == "extra_forbidden")
     key = join_key(where, steps)
     reason = REASONS.get(kind, f"{details['msg'][:120]}; change it")
@@ -155,9 +158,6 @@ def _describe_error(details: ErrorDetails, where: str, model: type[BaseModel]) -
         return f"{key}: {reason}"
     if kind == "scene":
         reason = context["reason"]
-        if "key" in context:
-            key = join_key(key, [context["key"]])
-            value = context["value"]
     elif kind == "extra_forbidden":
         unsupported = UNSUPPORTED_KEYS.get(str(location[-1]))
         table = join_key(where, steps[:-1])
@@ -288,13 +288,13 @@ def _find_quoted_words(text: str) -> list[str]:
 def _find_errors_between_valid_tables(data: Mapping[str, Any]) -> Iterator[str]:
     """Yield placement errors between those tables of a scene that are valid by themselves.
 
-    The film takes part if its radius is valid, even if other keys of it are not.
+    The film takes part if its shape is valid, even if other keys of it are not.
     """
     film = data.get("film")
-    radius = {}
-    if isinstance(film, dict) and "radius_mm" in film:
-        radius = {"radius_mm": film["radius_mm"]}
-    valid_film = _validate_value(Film, radius)
+    shape_keys = {}
+    if isinstance(film, dict):
+        shape_keys = {key: film[key] for key in film if key == "shape" or key in SIZE_KEYS}
+    valid_film = _validate_value(Film, shape_keys)
     numerics = data.get("numerics")
     observable = numerics.get("observable") if isinstance(numerics, dict) else ""
     electrodes = data.get("electrodes", {})
@@ -306,7 +306,7 @@ def _find_errors_between_valid_tables(data: Mapping[str, Any]) -> Iterator[str]:
     else:
         probes = _validate_entries("probe", ListedProbe, probe)
     yield from find_placement_errors(
-        radius_mm=valid_film.radius_mm if valid_film else None,
+        film_shape=valid_film.geometry if valid_film else None,
         electrodes=valid_electrodes or _validate_value(Electrodes, electrodes) or {},
         probes=probes,
         load=_validate_value(Load, data.get("load", {})),

@@ -12,7 +12,7 @@ from functools import partial
 from itertools import chain
 from typing import Any, NamedTuple
 
-from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.film import Air, Film
 from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.outlines.outline import has_overlap
 from pvdf_fem.scene.placed.probe import ListedProbe, Probe, find_load_key
@@ -23,6 +23,7 @@ class SceneTables(NamedTuple):
     """The tables of a scene that the rules compare."""
 
     film: Film
+    air: Air | None
     observable: str  #: The value of ``numerics.observable``.
     load: Load
     probes: Mapping[str, Probe]  #: By their keys, ``probe`` or ``probe[0]``.
@@ -117,6 +118,18 @@ def _make_film_setting(name: str, value: Any = None) -> Setting:
     return Setting(words, partial(_find_film_key, name=name, value=value))
 
 
+def _find_other_shapes(tables: SceneTables) -> Iterator[Occurrence]:
+    """Yield the key of the film's shape unless the film is a disc."""
+    if not tables.film.is_disc:
+        yield Occurrence("film.shape", tables.film.shape)
+
+
+def _find_air(tables: SceneTables) -> Iterator[Occurrence]:
+    """Yield the key of the air if the scene has it."""
+    if tables.air is not None:
+        yield Occurrence("air", {})
+
+
 def _find_thesis_edges(tables: SceneTables) -> Iterator[Occurrence]:
     """Yield the key of the observable if it is ``"thesis-edge"``."""
     if tables.observable == "thesis-edge":
@@ -181,6 +194,8 @@ PRETENSION = _make_film_setting("pretension_N_m")
 RIM_DISPLACEMENT = _make_film_setting("rim_displacement_um")
 TENSION_FIELD = _make_film_setting("compression", "tension-field")
 WARMING = _make_film_setting("warming_K")
+AIR = Setting("air", _find_air)
+OTHER_SHAPE = Setting("film.shape other than a circle", _find_other_shapes)
 ORTHOTROPY = Setting("{key}", _find_orthotropy)
 PATCHES_UNDER_PROBES = Setting("film.patches under a probe", _find_patches_under_probes)
 STRETCHED_PATCHES = Setting('film.patches bonded "before stretching"', _find_stretched_patches)
@@ -208,6 +223,18 @@ RULES = (
         TIP,
         "contacts are found on a membrane",
         advice='give "auto" or false, and the effect of bending is estimated',
+    ),
+    IncompatibleKeys(
+        AIR,
+        OTHER_SHAPE,
+        "its added mass is that of a disc",
+        advice='remove [air], or give film.shape = "circle"',
+    ),
+    IncompatibleKeys(
+        RIM_DISPLACEMENT,
+        OTHER_SHAPE,
+        "its coefficients are those of a circle",
+        advice='remove it, or give film.shape = "circle"',
     ),
     IncompatibleKeys(COUPLING, STRETCHED_PATCHES, NO_MODEL),
     IncompatibleKeys(COUPLING, RIM_DISPLACEMENT, NO_MODEL),

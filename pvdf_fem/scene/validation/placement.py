@@ -13,13 +13,14 @@ from pydantic import ValidationError
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.outlines.ellipse import Ellipse
-from pvdf_fem.scene.outlines.outline import LENGTH_TOLERANCE, has_overlap
+from pvdf_fem.scene.outlines.outline import LENGTH_TOLERANCE, has_overlap, is_within
 from pvdf_fem.scene.outlines.tip import make_tip
 from pvdf_fem.scene.placed.electrode import Electrode, Layout
 from pvdf_fem.scene.placed.placed_shape import PlacedShape
 from pvdf_fem.scene.placed.probe import ListedProbe, Probe, find_load_key
 from pvdf_fem.scene.registry import OBSERVABLE_ENTRIES
-from pvdf_fem.scene.scene_file import format_error
+from pvdf_fem.scene.scene_file import format_error, quote
+from pvdf_fem.scene.shapes.shape import Shape
 from pvdf_fem.scene.shapes.sphere import SphereShape
 
 #: A layout, or pairs of key and electrode for a list; unlike a mapping, both can be hashed.
@@ -36,7 +37,7 @@ def key_electrodes(
 
 
 def find_placement_errors(
-    radius_mm: float | None,
+    film_shape: Shape | None,
     electrodes: Layout | Mapping[str, Electrode],
     probes: Mapping[str, Probe],
     load: Load | None,
@@ -48,8 +49,8 @@ def find_placement_errors(
 
     Parameters
     ----------
-    radius_mm : float or None
-        Radius of the film in mm. With None, shapes are not compared with the rim.
+    film_shape : Shape or None
+        Shape of the film. With None, shapes are not compared with the rim.
     electrodes : Layout or mapping of str to Electrode
         A layout, or the electrodes of a list by their keys, such as ``electrodes[0]``.
     probes : mapping of str to Probe
@@ -68,25 +69,25 @@ def find_placement_errors(
         hashable: _HashableElectrodes = electrodes
     else:
         hashable = tuple(electrodes.items())
-    if not _are_electrodes_valid(radius_mm, hashable, observable):
-        yield from _find_electrode_errors(radius_mm, hashable, observable)
+    if not _are_electrodes_valid(film_shape, hashable, observable):
+        yield from _find_electrode_errors(film_shape, hashable, observable)
     for key, probe in probes.items():
-        if radius_mm is not None:
-            yield from _find_rim_errors(key, probe, radius_mm)
+        if film_shape is not None:
+            yield from _find_rim_errors(key, probe, film_shape)
         if load is not None:
-            yield from _find_load_errors(radius_mm, key, probe, load)
+            yield from _find_load_errors(film_shape, key, probe, load)
     yield from _find_overlap_errors(probes)
 
 
 def _find_load_errors(
-    radius_mm: float | None, key: str, probe: Probe, scene_load: Load
+    film_shape: Shape | None, key: str, probe: Probe, scene_load: Load
 ) -> Iterator[str]:
     """Yield error messages on incompatible keys in a load, or on a load that does not fit a probe.
 
     Parameters
     ----------
-    radius_mm : float or None
-        Radius of the film in mm. With None, the probe is not compared with the rim.
+    film_shape : Shape or None
+        Shape of the film. With None, the probe is not compared with the rim.
     key : str
         Key of the probe in the scene, which precedes the keys in the messages.
     probe : Probe
@@ -113,9 +114,10 @@ def _find_load_errors(
             return
     yield from _find_tip_errors(key, probe, load)
     is_on_rim = False
-    if radius_mm is not None:
-        rim = radius_mm / 1e3
-        is_on_rim = abs(probe.outline.reach - rim) <= LENGTH_TOLERANCE * rim
+    if film_shape is not None:
+        rim = film_shape.outline
+        excess = probe.outline.compute_excess(rim)
+        is_on_rim = abs(excess) <= LENGTH_TOLERANCE * rim.reach
     if load.kind == "rigid" and is_on_rim:
         reason = "cannot move a probe that ends on the clamped rim"
         advice = "make the probe smaller or choose another kind"
@@ -162,7 +164,7 @@ def _find_tip_errors(key: str, probe: Probe, load: Load) -> Iterator[str]:
 
 @lru_cache(maxsize=16)
 def _are_electrodes_valid(
-    radius_mm: float | None, electrodes: _HashableElectrodes, observable: str
+    film_shape: Shape | None, electrodes: _HashableElectrodes, observable: str
 ) -> bool:
     """Return whether electrodes have no placement errors.
 
@@ -170,8 +172,8 @@ def _are_electrodes_valid(
 
     Parameters
     ----------
-    radius_mm : float or None
-        Radius of the film in mm; with None, electrodes are not compared with the rim.
+    film_shape : Shape or None
+        Shape of the film; with None, electrodes are not compared with the rim.
     electrodes : Layout or tuple of (str, Electrode)
         A layout, or the electrodes of a list with their keys.
     observable : str
@@ -181,11 +183,11 @@ def _are_electrodes_valid(
     -------
     bool
     """
-    return next(_find_electrode_errors(radius_mm, electrodes, observable), None) is None
+    return next(_find_electrode_errors(film_shape, electrodes, observable), None) is None
 
 
 def _find_electrode_errors(
-    radius_mm: float | None, electrodes: _HashableElectrodes, observable: str
+    film_shape: Shape | None, electrodes: _HashableElectrodes, observable: str
 ) -> Iterator[str]:
     """Yield error messages on the placement of electrodes and on shapes unfit for the observable.
 
@@ -194,25 +196,28 @@ def _find_electrode_errors(
     if isinstance(electrodes, Layout):
         # the electrodes of a layout have the same shape: the first one stands for all
         keyed = {"electrodes": electrodes.electrodes[0]}
-        yield from _find_layout_errors(radius_mm, electrodes)
+        yield from _find_layout_errors(film_shape, electrodes)
     else:
         keyed = dict(electrodes)
-        yield from _find_list_errors(radius_mm, keyed)
+        yield from _find_list_errors(film_shape, keyed)
     entry = OBSERVABLE_ENTRIES.get(observable)
     if entry is not None and entry.needs_edges:
         yield from _find_non_rectangle_errors(observable, keyed)
 
 
-def _find_layout_errors(radius_mm: float | None, layout: Layout) -> Iterator[str]:
+def _find_layout_errors(film_shape: Shape | None, layout: Layout) -> Iterator[str]:
     """Yield an error message if electrodes extend beyond the rim, and one if any two overlap."""
     key = "electrodes.ring_radius_mm"
     value = layout.ring_radius_mm
     electrodes = layout.electrodes
     smaller = f"electrodes.{layout.geometry.list_sizes()[0]} smaller"
-    reach_mm = 1e3 * max(electrode.outline.reach for electrode in electrodes)
-    if radius_mm is not None and reach_mm > radius_mm * (1 + LENGTH_TOLERANCE):
-        reason = _describe_excess(reach_mm, radius_mm)
-        yield format_error(key, value, f"{reason}; make the ring or {smaller}")
+    if film_shape is not None:
+        rim = film_shape.outline
+        outside = [one for one in electrodes if not is_within(one.outline, rim)]
+        if outside:
+            excess = max(electrode.outline.compute_excess(rim) for electrode in outside)
+            reason = _describe_excess(excess, film_shape)
+            yield format_error(key, value, f"{reason}; make the ring or {smaller}")
     for a, b in combinations(electrodes, 2):
         if has_overlap(a.outline, b.outline):
             fewer = "electrodes.count or " if layout.layout == "ring" else ""
@@ -222,12 +227,12 @@ def _find_layout_errors(radius_mm: float | None, layout: Layout) -> Iterator[str
 
 
 def _find_list_errors(
-    radius_mm: float | None, electrodes: Mapping[str, Electrode]
+    film_shape: Shape | None, electrodes: Mapping[str, Electrode]
 ) -> Iterator[str]:
     """Yield error messages on electrodes that extend beyond the rim, share a name or overlap."""
-    if radius_mm is not None:
+    if film_shape is not None:
         for key, electrode in electrodes.items():
-            yield from _find_rim_errors(key, electrode, radius_mm)
+            yield from _find_rim_errors(key, electrode, film_shape)
     keys_by_name: dict[str, str] = {}
     for key, electrode in electrodes.items():
         other = keys_by_name.setdefault(electrode.name, key)
@@ -245,10 +250,10 @@ def _find_overlap_errors(shapes: Mapping[str, PlacedShape]) -> Iterator[str]:
             yield format_error(f"{key}.x_mm", shape.x_mm, reason)
 
 
-def _find_rim_errors(key: str, shape: PlacedShape, radius_mm: float) -> Iterator[str]:
+def _find_rim_errors(key: str, shape: PlacedShape, film_shape: Shape) -> Iterator[str]:
     """Yield an error message if a shape extends beyond the rim.
 
-    Of a sphere whose radius is not larger than the film's, only the lowest point must be inside.
+    Of a sphere that fits on the film, only the lowest point must be inside.
 
     Parameters
     ----------
@@ -256,8 +261,8 @@ def _find_rim_errors(key: str, shape: PlacedShape, radius_mm: float) -> Iterator
         Key of the shape's table, such as ``probe``.
     shape : PlacedShape
         The shape with its position.
-    radius_mm : float
-        Radius of the film in mm.
+    film_shape : Shape
+        Shape of the film.
 
     Yields
     ------
@@ -266,33 +271,45 @@ def _find_rim_errors(key: str, shape: PlacedShape, radius_mm: float) -> Iterator
         shape if it would not fit even at the centre, otherwise the coordinate with the larger
         magnitude.
     """
-    limit_mm = radius_mm * (1 + LENGTH_TOLERANCE)
-    reach_mm = shape.outline.reach * 1e3
-    if reach_mm <= limit_mm:
+    rim = film_shape.outline
+    if is_within(shape.outline, rim):
         return
     geometry = shape.geometry
-    is_small_sphere = isinstance(geometry, SphereShape) and geometry.radius_mm <= limit_mm
-    if is_small_sphere and np.hypot(shape.x_mm, shape.y_mm) < radius_mm:
-        return
-    centred = geometry.make_outline(0.0, 0.0, shape.rotation_deg)
-    if centred.reach * 1e3 > limit_mm:
-        name = geometry.list_sizes()[0]
-        advice = "make it smaller"
-    else:
+    fits_at_centre = is_within(geometry.make_outline(0.0, 0.0, shape.rotation_deg), rim)
+    if isinstance(geometry, SphereShape) and fits_at_centre:
+        lowest_point = np.array([[shape.x_mm, shape.y_mm]]) / 1e3
+        if rim.compute_signed_distances(lowest_point)[0] < 0.0:
+            return
+    if fits_at_centre:
         name = "x_mm" if abs(shape.x_mm) >= abs(shape.y_mm) else "y_mm"
         advice = "move it inwards or make it smaller"
-    reason = _describe_excess(reach_mm, radius_mm)
+    else:
+        name = geometry.list_sizes()[0]
+        advice = "make it smaller"
+    reason = _describe_excess(shape.outline.compute_excess(rim), film_shape)
     yield format_error(f"{key}.{name}", getattr(shape, name), f"{reason}; {advice}")
 
 
-def _describe_excess(reach_mm: float, radius_mm: float) -> str:
+def _describe_excess(excess: float, film_shape: Shape) -> str:
     """Describe by how much a shape extends beyond the rim.
 
-    If the film's radius is unusual, but would be usual in another unit, a question follows.
+    If a size of the film is unusual, but would be usual in another unit, a question follows.
+
+    Parameters
+    ----------
+    excess : float
+        Maximum distance in m of the shape's corners from the rim; not positive if only sides
+        between corners are outside, beside a re-entrant corner of the film.
+    film_shape : Shape
+        Shape of the film, whose first size is in the message.
     """
-    excess_mm = reach_mm - radius_mm
-    text = f"extends {excess_mm:.3g} mm beyond the rim at film.radius_mm = {radius_mm:g}"
-    question = Film.key_of("radius_mm").ask_likely_unit(radius_mm)
+    name = film_shape.list_sizes()[0]
+    size = getattr(film_shape, name)
+    amount = f"{1e3 * excess:.3g} mm " if excess > 0.0 else ""
+    text = f"extends {amount}beyond the rim at film.{name} = {quote(size)}"
+    question = ""
+    if isinstance(size, float):
+        question = Film.describe_size(name, film_shape.key_of(name)).ask_likely_unit(size)
     return f"{text} ({question})" if question else text
 
 

@@ -60,11 +60,13 @@ class TableForm:
 
     def key_of(self, name: str) -> Key:
         """Return the `Key` of a key of the table or of its shape."""
-        if name == "shape" and issubclass(self.table, ShapedTable):
+        if name in self.table.model_fields:
+            return self.table.key_of(name)
+        assert self.shape is not None
+        assert issubclass(self.table, ShapedTable)
+        if name == "shape":
             return self.table.shape_key
-        table = self.table if name in self.table.model_fields else self.shape
-        assert table is not None
-        return table.key_of(name)
+        return self.table.describe_size(name, self.shape.key_of(name))
 
 
 def list_forms(table: type[Section]) -> list[TableForm]:

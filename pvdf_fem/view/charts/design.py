@@ -106,7 +106,7 @@ def draw_design_map(ax: Axes, chosen: Dataset, max_deviation_mm: float | None = 
     ends_mm = [
         1e3 * np.abs(electrode.outline.inscribed_polygon.bounds).max() for electrode in electrodes
     ]
-    draw_film(ax, scene.film.radius_mm, electrodes, max(1.03 * x[-1], *ends_mm))
+    draw_film(ax, scene.film.outline, electrodes, max(1.03 * x[-1], *ends_mm))
     grid_x, grid_y = np.meshgrid(x, y)
     is_ambiguous = chosen.ambiguous.values > 0.0
     ax.plot(grid_x[is_ambiguous], grid_y[is_ambiguous], ".", color="white", markersize=2.0)

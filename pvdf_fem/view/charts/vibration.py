@@ -13,6 +13,7 @@ from matplotlib.tri import Triangulation
 from skfem import Basis
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.view.figures import (
     HALO,
@@ -132,7 +133,7 @@ def _scale_axis_to_phases(ax: Axes, phases: Array) -> None:
 
 
 def draw_mode_shapes(
-    shapes: Sequence[tuple[str, Array]], basis: Basis, radius_mm: float, title: str
+    shapes: Sequence[tuple[str, Array]], basis: Basis, rim: Outline, title: str
 ) -> Figure:
     """Draw a map of the deflection of each mode, divided by its largest deflection.
 
@@ -142,8 +143,8 @@ def draw_mode_shapes(
         Title and nodal deflections of each mode. The largest magnitude of the deflections is 1.
     basis : Basis
         The scalar finite-element basis of the deflections, on a mesh in m.
-    radius_mm : float
-        Radius of the film in mm.
+    rim : Outline
+        Outline of the film in m.
     title : str
         Title of the figure.
 
@@ -156,7 +157,7 @@ def draw_mode_shapes(
         figure, panels = make_panels(len(shapes))
         for ax, (mode_title, deflection) in zip(panels, shapes, strict=True):
             mesh, w = basis.refinterp(deflection, nrefs=3)
-            draw_rim(ax, radius_mm, radius_mm)
+            draw_rim(ax, rim)
             w = np.clip(w, -0.999, 0.999)  # a peak between nodes may exceed the scale
             x, y = 1e3 * mesh.p
             triangles = Triangulation(x, y, mesh.t.T)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pvdf_fem.arrays import Array, Indices
-from pvdf_fem.scene.film import Film, Layer
+from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.placed.patch import Layer
 from pvdf_fem.view.files.mesh_grid import MeshGrid
 
 #: Relative difference of moduli below which a sheet counts as isotropic.

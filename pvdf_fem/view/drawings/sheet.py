@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.arc_polygon import ArcPolygon
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.ellipse import Ellipse
@@ -137,8 +138,8 @@ def make_sheet(scene: Scene, *, probe: bool = False, dimensions: bool = True) ->
     -------
     Sheet
     """
-    radius = scene.film.radius_mm
-    title = f"scale 1:1, mm, rim {round(2.0 * radius, 3):g}"
+    radius = 1e3 * scene.film.reach
+    title = f"scale 1:1, mm, {describe_rim(scene.film)}"
     sheet = Sheet((1.0 + MARGIN) * radius, title)
     rim = _to_mm(scene.film.outline)
     sheet.outlines.append(DrawnOutline(Layer.RIM, "rim", rim))
@@ -187,9 +188,7 @@ def _make_name(name: str, outline: Outline, radius: float) -> Label:
 def _make_dimensions(scene: Scene, radius: float) -> Iterator[Dimension]:
     """Yield the dimensions of the rim, the ring of electrodes, and one electrode of each shape."""
     height = TEXT_HEIGHT * radius
-    below = np.array([0.0, -(1.0 + 0.5 * MARGIN) * radius])
-    left = np.array([-radius, 0.0])
-    yield Dimension(left, -left, below, prefix="⌀", height=height)
+    yield from _make_rim_dimensions(scene.film, height)
     electrodes = scene.electrode_list
     seen = []
     for electrode in electrodes:
@@ -206,6 +205,29 @@ def _make_dimensions(scene: Scene, radius: float) -> Iterator[Dimension]:
         extent_mm = 1e3 * _compute_extent(electrodes[first].outline, sideways)
         offset = (extent_mm + 1.5 * height) * sideways
         yield Dimension(np.zeros(2), places[first], offset, prefix="R", height=height)
+
+
+def describe_rim(film: Film) -> str:
+    """Describe the rim by its sizes in mm: ``rim 90`` for a disc, otherwise ``rim 60 × 40``."""
+    left, low, right, high = film.bounds_mm
+    width = f"{round(right - left, 3):g}"
+    return f"rim {width}" if film.is_disc else f"rim {width} × {round(high - low, 3):g}"
+
+
+def _make_rim_dimensions(film: Film, height: float) -> Iterator[Dimension]:
+    """Yield the diameter of a disc below it, or the width and the height of another film."""
+    left, low, right, high = film.bounds_mm
+    gap = 0.5 * MARGIN * 1e3 * film.reach
+    middle_y = 0.5 * (low + high)
+    below = np.array([0.0, low - middle_y - gap])
+    ends = np.array([[left, middle_y], [right, middle_y]])
+    prefix = "⌀" if film.is_disc else ""
+    yield Dimension(ends[0], ends[1], below, prefix=prefix, height=height)
+    if not film.is_disc:
+        middle_x = 0.5 * (left + right)
+        beside = np.array([left - middle_x - gap, 0.0])
+        ends = np.array([[middle_x, low], [middle_x, high]])
+        yield Dimension(ends[0], ends[1], beside, prefix="", height=height)
 
 
 def _compute_extent(outline: Outline, direction: Array) -> float:

@@ -7,10 +7,11 @@ from pvdf_fem import Scene, solve
 from pvdf_fem.electrodes.stress_integrals import compute_stress_integrals, differentiate_charges
 from pvdf_fem.mesh.gmsh_mesh import mesh_scene
 from pvdf_fem.mesh.subdomains import RIM
-from pvdf_fem.mesh.symmetry import WHOLE_FILM, find_symmetry_sector
+from pvdf_fem.mesh.symmetry import WHOLE_FILM
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.outputs import Output
 from pvdf_fem.problem.problem import Problem
+from pvdf_fem.problem.symmetry import find_symmetry_sector
 from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.polygon import Polygon
 from pvdf_fem.solver.first_sizes import choose_first_sizes
