@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pvdf_fem.inverse.tracking.signal.clock import ClockEvent, ClockOptions, Repair, SampleClock
@@ -100,6 +100,7 @@ def test_a_sample_costs_little():
 
 
 @given(seed=st.integers(0, 1000), rate=rates, mean_or_spread=st.sampled_from(["poisson", 0.2, 0.4]))
+@example(seed=179, rate=50.0, mean_or_spread=0.2)
 def test_irregular_sampling_is_trusted(seed, rate, mean_or_spread):
     random = np.random.default_rng(seed)
     if mean_or_spread == "poisson":
@@ -124,6 +125,8 @@ def test_irregular_sampling_is_trusted(seed, rate, mean_or_spread):
     size=st.sampled_from([0.2, 0.5, 1.0, 2.0]),
     kind=st.sampled_from(["normal", "uniform"]),
 )
+@example(seed=875, rate=50.0, start=0.0, size=0.5, kind="normal")
+@example(seed=10, rate=50.0, start=0.0, size=1.0, kind="normal")
 def test_jitter_is_regressed_even_if_it_goes_backwards(seed, rate, start, size, kind):
     random = np.random.default_rng(seed)
     true = start + np.arange(COUNT) / rate
@@ -173,6 +176,7 @@ def test_blocks_with_one_stamp_are_spread(rate, size, is_last, start):
 
 
 @given(seed=st.integers(0, 1000), is_last=st.booleans())
+@example(seed=34, is_last=True)
 def test_blocks_of_different_sizes_are_spread(seed, is_last):
     random = np.random.default_rng(seed)
     heads = np.cumsum(random.integers(5, 20, 400))
@@ -188,6 +192,7 @@ def test_blocks_of_different_sizes_are_spread(seed, is_last):
 
 
 @given(seed=st.integers(0, 1000), size=st.integers(8, 100), jitter=st.sampled_from([2.0, 4.0]))
+@example(seed=30, size=28, jitter=2.0)
 def test_chunks_with_jitter_are_regressed(seed, size, jitter):
     """Chunks of Lab Streaming Layer: stamps within a chunk are regular, chunks overlap."""
     random = np.random.default_rng(seed)
@@ -304,6 +309,7 @@ def test_a_short_stream_is_passed_on_at_its_end(count):
     kind=st.sampled_from(["regular", "jittered", "blocks"]),
     seed=st.integers(0, 100),
 )
+@example(place=100, rate=50.0, missing=300.0, kind="blocks", seed=0)
 def test_gaps_are_kept(place, rate, missing, kind, seed):
     rows = np.arange(COUNT)
     gap = missing if isinstance(missing, int) else round(missing * rate)
@@ -327,6 +333,7 @@ def test_gaps_are_kept(place, rate, missing, kind, seed):
 
 
 @given(seed=st.integers(0, 1000), rate=rates, jitter=st.sampled_from([0.0, 0.02, 0.1]))
+@example(seed=0, rate=50.0, jitter=0.1)
 def test_rows_that_are_missing_at_random_do_not_change_the_rate(seed, rate, jitter):
     random = np.random.default_rng(seed)
     true = np.arange(COUNT) / rate
@@ -482,6 +489,10 @@ def test_the_clock_is_locked_after_any_two_faults(kinds, distance, place, rate, 
 
 
 @given(stamps=st.lists(st.floats() | st.integers(0, 5).map(float), max_size=200))
+@example(stamps=[0.0, 1.0, 0.0, 2.225073858507e-311])
+@example(stamps=[0.0, 1.0, 0.0, 5.992310449541053e307])
+@example(stamps=[0.0, 0.0, 2.225073858507e-311])
+@example(stamps=[1.0, 0.0, 2.0, 122.0, 2.0, 0.0, 4.0, 2.0, 33.0])
 def test_any_stamps_give_times_that_increase(stamps):
     run(stamps)
 
