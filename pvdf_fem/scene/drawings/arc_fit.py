@@ -15,6 +15,9 @@ from pvdf_fem.scene.outlines.arc_polygon import STRAIGHT_BULGE
 MAX_HALVINGS = 12
 #: Points at which the distance between a curve and its arcs is measured, per pair of arcs.
 CHECKS = 17
+#: Fraction of the tolerance up to which these distances may come; between the points they may be
+#: larger.
+SHARE_OF_TOLERANCE = 0.8
 
 
 def fit_arcs(curve: Curve, tolerance: float) -> list[Side]:
@@ -49,14 +52,30 @@ def fit_arcs(curve: Curve, tolerance: float) -> list[Side]:
 def _fit_part(
     curve: Curve, first: float, last: float, tolerance: float, halvings: int
 ) -> list[Side]:
-    """Approximate the part of a curve between two parameters; see `fit_arcs`."""
+    """Approximate the part of a curve between two parameters.
+
+    Parameters
+    ----------
+    curve : Curve
+        The curve.
+    first, last : float
+        Parameters of the ends of the part, between which the curve is smooth.
+    tolerance : float
+        See `fit_arcs`.
+    halvings : int
+        Maximum number of times that the part is halved.
+
+    Returns
+    -------
+    list of Side
+    """
     parameters = np.linspace(first, last, CHECKS)
     points = curve.compute_points(parameters)
     # tangents a little inside, since they jump at the knots of a spline with kinks
     inset = 1e-9 * (last - first)
     tangents = curve.compute_tangents(np.array([first + inset, last - inset]))
     sides = _make_biarc(points[0], points[-1], tangents)
-    if halvings == 0 or _compute_deviation(sides, points) <= 0.8 * tolerance:
+    if halvings == 0 or _compute_deviation(sides, points) <= SHARE_OF_TOLERANCE * tolerance:
         return sides
     middle = 0.5 * (first + last)
     return [
