@@ -97,7 +97,8 @@ def _make_biarc(start: Array, end: Array, tangents: Array) -> list[Side]:
     Returns
     -------
     list of Side
-        Two arcs, or one straight side if the tangents lie along it or allow no biarc.
+        Two arcs, or one straight side if the tangents lie along it or allow no biarc. Empty if both
+        points are equal.
 
     Notes
     -----
@@ -131,7 +132,21 @@ def _compute_bulge(before: Array, after: Array) -> float:
 
 
 def _compute_deviation(sides: list[Side], points: Array) -> float:
-    """Compute the maximum distance of points of a curve from the sides that approximate it."""
+    """Compute the maximum distance of points of a curve from the sides that approximate it.
+
+    Parameters
+    ----------
+    sides : list of Side
+        The sides; none if the curve ends where it begins.
+    points : ndarray, shape (n, 2)
+        Points along the curve.
+
+    Returns
+    -------
+    float
+    """
+    if not sides:
+        return float(np.linalg.norm(points - points[0], axis=1).max())
     distances = np.full(len(points), np.inf)
     for side in sides:
         if abs(side.bulge) >= STRAIGHT_BULGE:
@@ -141,4 +156,4 @@ def _compute_deviation(sides: list[Side], points: Array) -> float:
             along = np.clip((points - side.first) @ chord / (chord @ chord), 0.0, 1.0)
             found = np.linalg.norm(points - side.first - along[:, None] * chord, axis=1)
         distances = np.minimum(distances, found)
-    return float(distances.max()) if sides else 0.0
+    return float(distances.max())
