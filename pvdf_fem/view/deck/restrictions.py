@@ -64,7 +64,7 @@ def _find_errors(problem: Problem) -> Iterator[str]:
         reason = 'is not read from a deck; give "material"'
         yield format_error("numerics.observable", scene.numerics.observable, reason)
     if not scene.electrode_list:
-        yield "electrodes: there are none, whose charges could be compared; add some"
+        yield "electrodes: is empty, so that there is no charge to compare; add an electrode"
     for loaded in scene.loaded_probes:
         if loaded.load.kind not in STATED_KINDS:
             key = find_load_key(loaded.key, loaded.probe, "kind")
