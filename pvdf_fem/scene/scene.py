@@ -16,13 +16,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 from pydantic import ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
+from pvdf_fem.scene.air import Air
 from pvdf_fem.scene.changes import Replaced, apply_changes
 from pvdf_fem.scene.drawings.expansion import expand_drawing, read_scene_tables
-from pvdf_fem.scene.film import Air, Film
+from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.instrument.calibration import CalibratedParameters
 from pvdf_fem.scene.instrument.response_domain import ResponseDomain
 from pvdf_fem.scene.keys import Affects, Key, Section
 from pvdf_fem.scene.load import FORCE_KEYS, Load, LoadOverrides
+from pvdf_fem.scene.materials.film_notes import find_material_notes
 from pvdf_fem.scene.numerics import Numerics
 from pvdf_fem.scene.placed.electrode import Electrode, Electrodes, Layout
 from pvdf_fem.scene.placed.loaded_probe import LoadedProbe
@@ -144,7 +146,7 @@ class Scene(Result, Section):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings of a valid scene: loads without effect, and numbers in a probably wrong unit."""
+        """Warnings: loads without effect, probably wrong units, and doubts about the material."""
         warnings = []
         has_idle_load = self.probe is None and self.load != Load()
         if has_idle_load:
@@ -160,7 +162,7 @@ class Scene(Result, Section):
             tables[f"film.patches[{number}]"] = patch
         for name, table in tables.items():
             warnings += find_unusual_values(name, table)
-        return tuple(warnings)
+        return (*warnings, *find_material_notes(self.film))
 
     @property
     def _probes(self) -> dict[str, Probe]:
@@ -392,7 +394,8 @@ class Scene(Result, Section):
         Notes
         -----
         Keys that do not go with a new value are removed: the sizes of the old shape, keys that a
-        new layout does not have, and keys that require the old kind or profile of a load. Setting
+        new layout does not have, values of the old ``film.material`` and defaults that a new one
+        replaces, and keys that require the old kind or profile of a load. Setting
         ``film.pretension_N_m`` removes ``film.temperature_change_K``, and setting
         ``load.depth_mm`` removes ``load.force_N``, and vice versa; setting both is an error.
         """
@@ -415,9 +418,10 @@ class Scene(Result, Section):
         values = flatten(self.to_json(), lists=True)
         rows = tuple((key, quote(value)) for key, value in values.items())
         table = TextTable(("key", "value"), rows)
-        film = self.film.describe_outline()
         sentence = f"electrodes {names}, {probes}"
-        return Summary(film, [sentence], tables=[table], notes=self.warnings)
+        return Summary(
+            self.film.describe_outline(), [sentence], tables=[table], notes=self.warnings
+        )
 
     @classmethod
     def _from_tables(
