@@ -153,8 +153,8 @@ class Scene(Result, Section):
             warnings.append("load: has no effect without a probe; add [probe]")
         given_keys = [f"load.{key}" for key in self.load.model_dump(exclude_defaults=True)]
         for key in self.find_unused_load_keys(given_keys):
-            reason = "has no effect, since all probes override it"
-            warnings.append(f"{key}: {reason}; remove it here or from a probe")
+            reason = "has no effect, since all probes override it; remove it here or from a probe"
+            warnings.append(f"{key}: {reason}")
         tables: dict[str, Section] = {"film": self.film}
         if not has_idle_load:
             tables["load"] = self.load
@@ -393,10 +393,9 @@ class Scene(Result, Section):
 
         Notes
         -----
-        Keys that do not go with a new value are removed: the sizes of the old shape, keys that a
-        new layout does not have, values of the old ``film.material`` and defaults that a new one
-        replaces, and keys that require the old kind or profile of a load. Setting
-        ``film.pretension_N_m`` removes ``film.temperature_change_K``, and setting
+        Keys that do not go with a new value are removed: sizes of the old shape, values of the old
+        material, keys that a new layout does not have or that require the old kind or profile of a
+        load. Setting ``film.pretension_N_m`` removes ``film.temperature_change_K``, and setting
         ``load.depth_mm`` removes ``load.force_N``, and vice versa; setting both is an error.
         """
         own = self.to_json()
@@ -415,9 +414,8 @@ class Scene(Result, Section):
         """Summarize film, electrodes and probes, with the keys of `to_json` and the warnings."""
         names = ", ".join(electrode.name for electrode in self.electrode_list)
         probes = " and ".join(probe.shape for probe in self._probes.values()) or "no probe"
-        values = flatten(self.to_json(), lists=True)
-        rows = tuple((key, quote(value)) for key, value in values.items())
-        table = TextTable(("key", "value"), rows)
+        values = flatten(self.to_json(), lists=True).items()
+        table = TextTable(("key", "value"), tuple((key, quote(value)) for key, value in values))
         sentence = f"electrodes {names}, {probes}"
         return Summary(
             self.film.describe_outline(), [sentence], tables=[table], notes=self.warnings

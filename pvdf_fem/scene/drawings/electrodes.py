@@ -261,7 +261,7 @@ def _require_inside_rim(
 def _get_radius_mm(radius_mm: object) -> float:
     """Return the radius of the film: the default without one, infinity for an invalid one."""
     if radius_mm is None:
-        return float(Film.model_fields["radius_mm"].default)
+        return Film.default_sizes["circle"]["radius_mm"]
     if isinstance(radius_mm, int | float) and not isinstance(radius_mm, bool) and radius_mm > 0.0:
         return float(radius_mm)
     return float("inf")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -82,7 +83,11 @@ def expand_drawing(tables: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]
     if not (isinstance(table, Mapping) and "drawing" in table):
         return dict(tables), []
     film = tables.get("film")
-    radius_mm = film.get("radius_mm") if isinstance(film, Mapping) else None
+    radius_mm = None
+    if isinstance(film, Mapping):
+        # the scene compares the electrodes with the rim of a film that is not a disc
+        is_disc = film.get("shape", "circle") == "circle"
+        radius_mm = film.get("radius_mm") if is_disc else math.inf
     electrodes, errors = _read_table(table, radius_mm)
     expanded = {**tables, "electrodes": electrodes}
     if errors:
