@@ -130,8 +130,8 @@ def write_deck(
     >>> deck = write_deck(Scene.example("triangle"), "film.inp")
     >>> deck.mesh_error
     """
-    path = coerce("path", path, Path)
-    _require_extension(path)
+    deck_path = coerce("path", path, Path)
+    _require_extension(deck_path)
     program = coerce("program", program, str)
     if program not in DIALECTS:
         reason = f"is not known; choose from {', '.join(DIALECTS)}"
@@ -143,10 +143,10 @@ def write_deck(
     grid = _make_grid(problem, found)
     loads = compute_deck_loads(problem, found.mesh)
     text = InputDeck(problem.scene, grid, loads, DIALECTS[program]).format()
-    with replace_file(path) as temporary:
+    with replace_file(deck_path) as temporary:
         temporary.write_text(text, "ascii")
     return Deck(
-        path,
+        deck_path,
         program,
         elements=len(grid.triangles),
         nodes=len(grid.points),
