@@ -7,8 +7,8 @@ pressed: the film lifts off where w is negative. Its energy is convex and has a 
 derivative.
 
 A homogeneous layer of the thickness t that is bonded to a rigid base, with Young's modulus E and
-Poisson's ratio ν, has about k = E (1 - ν)/((1 + ν) (1 - 2 ν) t), if the loaded area is much wider
-than t (K. L. Johnson, Contact Mechanics, Cambridge 1985, section 4.3).
+Poisson's ratio ν, has about k = E (1 - ν)/((1 + ν) (1 - 2 ν) t), its modulus without lateral strain
+divided by t, if the loaded area is much wider than t.
 """
 
 from __future__ import annotations

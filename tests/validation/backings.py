@@ -138,8 +138,8 @@ def find_lift_off(pressure: float, suction: float, kappa: float) -> tuple[float,
 
 @proof(
     "A film that lifts off a one-sided backing",
-    source="Bessel functions up to the edge of the contact, a logarithm beyond it; at the edge of the"
-    " contact the slopes agree",
+    source="Bessel functions up to the edge of the contact, a logarithm beyond it; at the edge"
+    " of the contact the slopes agree",
     why="the edge of the contact runs through elements of a mesh that does not follow it",
 )
 def lift_off() -> Iterator[Number]:
