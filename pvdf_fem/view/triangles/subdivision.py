@@ -28,6 +28,8 @@ REFERENCE_CORNERS: Array = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
 #: Places along a side where it is compared with the straight line between its ends. A cubic that
 #: meets this line in the middle differs from it at a quarter.
 PLACES = (0.25, 0.5, 0.75)
+#: Height of an element's side divided by its length, below which it is left whole as straight.
+STRAIGHT = 1e-6
 #: Displacements below this fraction of the film's radius are round-off.
 ROUND_OFF = 1e-13
 
@@ -240,6 +242,9 @@ def _is_too_curved(
     facets = find_facets(mesh, sides.elements, sides.local)
     allowed = np.where(facets >= 0, limits.outline, limits.inside)
     allowed[np.isin(facets, mesh.boundaries[RIM])] = limits.rim
+    # the area beside a curved side can only be kept by points between its ends
+    is_whole_side = (facets >= 0) & (sides.ends < mesh.nvertices).all(axis=1)
+    allowed[is_whole_side] = STRAIGHT
     middles = map_points(mesh, sides.elements, sides.local.mean(axis=1))
     heights = np.linalg.norm(middles - ends.mean(axis=1), axis=1)
     return heights > allowed * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
