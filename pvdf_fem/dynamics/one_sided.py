@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from pvdf_fem.scene.placed.support_keys import find_support_keys
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.scene.scene_file import format_error
-from pvdf_fem.scene.support_keys import find_support_keys
 
 
 def require_pressed_backings(scene: Scene) -> None:

@@ -25,8 +25,8 @@ from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import ElementForces, ElementMatrices, State, Support
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.placed.patch import Patch
+from pvdf_fem.scene.placed.support_keys import find_support_keys
 from pvdf_fem.scene.scene import Scene
-from pvdf_fem.scene.support_keys import find_support_keys
 
 #: Component of the displacement that the backing resists.
 DEFLECTION = 2

@@ -28,9 +28,9 @@ from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
+from pvdf_fem.scene.placed.support_keys import find_support_keys
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import quote
-from pvdf_fem.scene.support_keys import find_support_keys
 
 #: Stresses below this fraction of the largest stress are round-off.
 ROUND_OFF = 1e-9

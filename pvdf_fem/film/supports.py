@@ -8,8 +8,8 @@ from pvdf_fem.arrays import ALL, Selection
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import Support
 from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.placed.support_keys import find_support_keys
 from pvdf_fem.scene.registry import SUPPORT_CLASSES
-from pvdf_fem.scene.support_keys import find_support_keys
 
 #: Class of each support, by the key of film and patches that switches it on.
 SUPPORTS: dict[str, type[Support]] = {

@@ -383,13 +383,7 @@ class Film(ShapedTable):
 
     def _make_layer(self, patch: Patch) -> Layer:
         """Make the layer of a patch; properties that the patch does not give are the film's."""
-        stiffness = self.stiffness
-        modulus = patch.youngs_modulus_GPa
-        if modulus is not None:
-            nu = patch.poisson_ratio
-            if nu is None:  # that of the film, or the mean √(ν12 ν21) of an orthotropic film
-                nu = float(stiffness[0, 1] / np.sqrt(stiffness[0, 0] * stiffness[1, 1]))
-            stiffness = 1e9 * compute_plane_stress_stiffness(modulus, modulus, nu12=nu)
+        stiffness = patch.compute_stiffness(self.stiffness)
         prestrain = self.reference_state.prestrain * (patch.bonded != "at rest")
         expansion = self.thermal_expansion_per_K
         if patch.thermal_expansion_per_K is not None:

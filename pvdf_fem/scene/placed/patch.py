@@ -82,6 +82,21 @@ class Patch(PlacedShape):
         """Return the names of a patch's keys other than those of its shape and position."""
         return set(cls.model_fields) - set(PlacedShape.model_fields)
 
+    def compute_stiffness(self, film_stiffness: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Compute the plane-stress stiffness of the layer in Pa, shape (3, 3).
+
+        Without a Young's modulus it is `film_stiffness`, that of the film; without a Poisson's
+        ratio, that of the film is taken, or the mean √(ν12 ν21) of an orthotropic film.
+        """
+        modulus = self.youngs_modulus_GPa
+        if modulus is None:
+            return film_stiffness
+        nu = self.poisson_ratio
+        if nu is None:
+            C = film_stiffness
+            nu = float(C[0, 1] / np.sqrt(C[0, 0] * C[1, 1]))
+        return 1e9 * compute_plane_stress_stiffness(modulus, modulus, nu12=nu)
+
     @property
     def thickness(self) -> float:
         """Thickness in m; 0 of a patch that is only a backing."""

@@ -17,8 +17,8 @@ from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.outlines.outline import has_overlap
 from pvdf_fem.scene.placed.probe import ListedProbe, Probe, find_load_key
+from pvdf_fem.scene.placed.support_keys import find_support_keys
 from pvdf_fem.scene.scene_file import format_error
-from pvdf_fem.scene.support_keys import find_support_keys
 
 
 class SceneTables(NamedTuple):

@@ -8,9 +8,9 @@ import numpy as np
 
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.placed.probe import find_load_key
+from pvdf_fem.scene.placed.support_keys import find_support_keys
 from pvdf_fem.scene.scene import SceneError
 from pvdf_fem.scene.scene_file import format_error
-from pvdf_fem.scene.support_keys import find_support_keys
 
 #: Kinds of loads that are forces or pressures.
 STATED_KINDS = ("dead", "follower")
