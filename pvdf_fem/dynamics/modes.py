@@ -23,8 +23,8 @@ from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.mesh.gmsh_mesh import MeshError
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.progress import Progress, SolveCounter, show_progress
+from pvdf_fem.scene.air import Air
 from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
-from pvdf_fem.scene.film import Air
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive_loop import TooManyUnknownsError
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status

@@ -1,4 +1,4 @@
-"""The tables ``[film]`` and ``[air]`` of a scene: the film, its material and the air around it."""
+"""The table ``[film]`` of a scene: the film and its material."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from pvdf_fem.scene.keys import Affects, Key, NumberOrPair, Section, make_validation_error
+from pvdf_fem.scene.keys import Affects, Key, NumberOrPair, make_validation_error
+from pvdf_fem.scene.materials.catalogue import FILM_NAMES, add_values_of_material
 from pvdf_fem.scene.outlines.outline import Outline, has_overlap
 from pvdf_fem.scene.placed.patch import (
     EXPANSION,
@@ -48,6 +49,12 @@ class Film(ShapedTable):
     default_shape: ClassVar[str] = "circle"
     default_sizes: ClassVar[Mapping[str, Mapping[str, float]]] = {"circle": {"radius_mm": 45.0}}
 
+    # The name itself affects nothing: its values are those of other keys.
+    material: Annotated[
+        str | None, Key("", None, Affects.INSTRUMENT, words=FILM_NAMES, example="te-uniaxial")
+    ] = None
+    """A real film, see `pvdf-fem materials`: its values are the defaults of the keys below, which
+    win where they are given."""
     thickness_um: Annotated[
         float,
         Key(
@@ -157,6 +164,12 @@ class Film(ShapedTable):
             likely_units={"m": 1e3},
             example=EXAMPLE_SIZES.get(name, key.example),
         )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _add_values_of_material(cls, table: Any) -> Any:
+        """Add the values of the material to the table, under keys that it does not have."""
+        return add_values_of_material(table) if isinstance(table, Mapping) else table
 
     @field_validator("poisson_ratio")
     @classmethod
@@ -426,12 +439,3 @@ class Film(ShapedTable):
             g_y = -derivative.imag
             strain += np.stack([g + x * g_x, g + y * g_y, x * g_y + y * g_x], axis=-1)
         return strain
-
-
-class Air(Section):
-    """The air on both sides of the film."""
-
-    density_kg_m3: Annotated[float, Key("kg/m³", (0.0, 1e5))] = 1.204
-    """Density of the air."""
-    baffle: Annotated[bool, Key()] = True
-    """true: the rim is set in an infinite rigid wall. false: air flows around the rim."""

@@ -29,7 +29,18 @@ class Placement(NamedTuple):
     notes: tuple[str, ...]  #: What is unusual.
 
     def apply(self, points: Array) -> Array:
-        """Return points of the file in m about the film's centre, shape (nodes, 2)."""
+        """Convert points of the file to the coordinates of the scene.
+
+        Parameters
+        ----------
+        points : ndarray, shape (nodes, 2)
+            Points in the unit of the file.
+
+        Returns
+        -------
+        ndarray, shape (nodes, 2)
+            In m about the film's centre.
+        """
         return self.unit_m * (points - self.centre)
 
 
@@ -91,7 +102,21 @@ def _find_box_placement(border: Array, film: Film) -> Placement:
 
 
 def _find_disc_placement(border: Array, radius_m: float, slack: float) -> Placement:
-    """Find the unit and the centre of a disc with a radius in m; see `find_placement`."""
+    """Find the unit and the centre of a disc.
+
+    Parameters
+    ----------
+    border : ndarray, shape (n, 2)
+        Nodes on the boundary of the mesh, in an unknown unit.
+    radius_m : float
+        Radius of the film in m.
+    slack : float
+        Maximum relative difference of the radii.
+
+    Returns
+    -------
+    Placement
+    """
     reach = float(np.hypot(border[:, 0], border[:, 1]).max())
     unit = _find_unit(reach, radius_m, slack=slack)
     if unit is not None:
@@ -114,7 +139,22 @@ def _find_disc_placement(border: Array, radius_m: float, slack: float) -> Placem
 
 
 def _find_unit(reach: float, radius_m: float, slack: float) -> str | None:
-    """Return the name of the unit in which a length is the radius, or None if there is none."""
+    """Find the unit in which a length is the radius of the film.
+
+    Parameters
+    ----------
+    reach : float
+        The length in the unit of the file.
+    radius_m : float
+        The radius in m.
+    slack : float
+        Maximum relative difference.
+
+    Returns
+    -------
+    str or None
+        A key of `UNITS_M`; None if the length is not the radius in any of them.
+    """
     for name, unit in UNITS_M.items():
         if abs(reach * unit / radius_m - 1.0) <= slack:
             return name
@@ -122,7 +162,7 @@ def _find_unit(reach: float, radius_m: float, slack: float) -> str | None:
 
 
 def _describe_unit(name: str) -> tuple[str, ...]:
-    """Return a note on an unusual unit."""
+    """Return a note on a unit, or nothing if it is a usual one."""
     return () if name in _USUAL_UNITS else (f"its unit was found to be {name}",)
 
 

@@ -12,7 +12,8 @@ from functools import partial
 from itertools import chain
 from typing import Any, NamedTuple
 
-from pvdf_fem.scene.film import Air, Film
+from pvdf_fem.scene.air import Air
+from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.outlines.outline import has_overlap
 from pvdf_fem.scene.placed.probe import ListedProbe, Probe, find_load_key
