@@ -40,6 +40,7 @@ SIZES: dict[str, Changes] = {
 }
 LAYER = {"thickness_um": 30.0, "youngs_modulus_GPa": 3.0, "poisson_ratio": 0.3}
 LAYER |= {"bonded": "before stretching", "density_kg_m3": 1e3}
+LIFTING = {"film.backing_N_m3": 1e4, "film.pressure_Pa": -10.0}
 FILM = {"film.pressure_Pa": 10.0, "film.gravity_m_s2": 20.0, "film.rim_displacement_um": [1.0]}
 HEAT = {"film.pyroelectric_uC_m2K": 5.0, "film.warming_K": 0.4, "probe.temperature_K": 5.0}
 COUPLED = {"film.coupling": True, "readout": {"kind": "voltage", "cable_capacitance_pF": 100.0}}
@@ -52,6 +53,7 @@ SCENES: list[tuple[Changes, list[str]]] = [
     ({}, ["", "film", "electrodes", "probe", "load", "numerics"]),
     ({**TOLD, "air": {}, "model": {}}, ["readout", "stage", "calibration", "air", "model"]),
     (FILM, ["film", "load"]),
+    (LIFTING, ["film"]),
     ({**HEAT, "film.d33_pC_N": -10.0, "probe.x_mm": 7.0}, ["film", "probe"]),
     ({**COUPLED, "film.d31_pC_N": 60.0, "film.d32_pC_N": 60.0}, ["film", "readout"]),
     ({"film.youngs_modulus_GPa": [2.0, 3.0], "film.shear_modulus_GPa": 1.0}, ["film"]),
