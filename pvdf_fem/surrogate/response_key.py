@@ -117,6 +117,7 @@ def _collect_mechanical_values(scene: Scene) -> dict[str, Any]:
         if name != "electrodes":
             for key, value in tables[0].items():
                 values[f"{name}.{key}"] = value
+    values["film.material"] = scene.film.material  # the cause of several other differences
     # The density matters only if the film has weight.
     values["film.density_kg_m3"] = scene.film.density_kg_m3 if scene.film.weight else 0.0
     return values

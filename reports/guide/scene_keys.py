@@ -17,9 +17,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
+from pvdf_fem.scene.air import Air
 from pvdf_fem.scene.changes import to_plain_value
 from pvdf_fem.scene.drawings.drawing import Drawing
-from pvdf_fem.scene.film import Air, Film
+from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.instrument.calibration import CalibratedParameters
 from pvdf_fem.scene.instrument.response_domain import ResponseDomain
 from pvdf_fem.scene.keys import Key, Section

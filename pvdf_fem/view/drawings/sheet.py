@@ -26,6 +26,10 @@ from pvdf_fem.scene.scene import Scene
 MARGIN = 0.3
 #: Height of the text of dimensions as a fraction of the film's radius.
 TEXT_HEIGHT = 0.04
+#: Height of capitals as a fraction of the font size of SVG and PDF.
+CAPITAL_HEIGHT = 0.72
+#: Width of lines in mm.
+LINE_WIDTH = 0.1
 #: Approximate width of a character as a fraction of its height.
 CHARACTER_WIDTH = 0.8
 
@@ -105,6 +109,12 @@ class Sheet:
         Half of the width and height of the square sheet in mm.
     title : str
         A text below the film.
+    outlines : list of DrawnOutline
+        Outlines of the rim, electrodes, patches and probes.
+    labels : list of Label
+        Names of the electrodes, and the title.
+    dimensions : list of Dimension
+        Dimensions; empty if none are drawn.
     """
 
     half_width: float
@@ -175,11 +185,25 @@ def _to_mm(outline: Outline) -> Outline:
 
 
 def _make_name(name: str, outline: Outline, radius: float) -> Label:
-    """Make the name of an electrode, small enough to fit into its outline."""
-    point = outline.inscribed_polygon.representative_point()
-    centre = np.array(outline.inscribed_polygon.centroid.coords[0])
+    """Make the name of an electrode, small enough to fit into its outline.
+
+    Parameters
+    ----------
+    name : str
+        The name.
+    outline : Outline
+        Outline of the electrode in mm.
+    radius : float
+        Radius of the film in mm, to which the largest and the smallest height are proportional.
+
+    Returns
+    -------
+    Label
+    """
+    polygon = outline.inscribed_polygon
+    centre = np.array(polygon.centroid.coords[0])
     if outline.compute_signed_distances(centre[None])[0] > 0.0:  # outside of a concave outline
-        centre = np.array(point.coords[0])
+        centre = np.array(polygon.representative_point().coords[0])
     room = -2.0 * float(outline.compute_signed_distances(centre[None])[0])
     height = min(TEXT_HEIGHT * radius, 0.6 * room, room / (CHARACTER_WIDTH * len(name)))
     return Label(Layer.NAMES, name, centre, height=max(height, 0.005 * radius))
@@ -208,7 +232,18 @@ def _make_dimensions(scene: Scene, radius: float) -> Iterator[Dimension]:
 
 
 def describe_rim(film: Film) -> str:
-    """Describe the rim by its sizes in mm: ``rim 90`` for a disc, otherwise ``rim 60 × 40``."""
+    """Describe the rim by its sizes in mm.
+
+    Parameters
+    ----------
+    film : Film
+        The film.
+
+    Returns
+    -------
+    str
+        Such as ``rim 90`` for a disc, otherwise ``rim 60 × 40``.
+    """
     left, low, right, high = film.bounds_mm
     width = f"{round(right - left, 3):g}"
     return f"rim {width}" if film.is_disc else f"rim {width} × {round(high - low, 3):g}"
