@@ -146,7 +146,7 @@ def iterate_groups(forms: Sequence[TableForm]) -> Iterator[tuple[str, TableForm,
 def make_commented_scene() -> str:
     """Make the example scene with every key, its meaning, limits, and default or example."""
     blocks = [HEAD]
-    seen_captions = set()
+    seen_captions: set[str] = set()
     for heading, forms in TABLES.items():
         table, _, more = heading.partition(", ")
         field = Scene.model_fields.get(table.strip("[]"))
