@@ -7,19 +7,19 @@ errors are below ``numerics.tolerance``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from pvdf_fem.dynamics.spectrum import EquilibriumState, Spectrum, compute_spectra
 from pvdf_fem.film.bending.effect import choose_layer_size, estimate_bending_effect
-from pvdf_fem.mesh.size_field import GradedSizes, PointSize
+from pvdf_fem.mesh.corner_sizes import choose_corner_sizes
+from pvdf_fem.mesh.size_field import GradedSizes
 from pvdf_fem.mesh.subdomains import FILM
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.outlines.outline import Outline
-from pvdf_fem.scene.outlines.reentrant import find_reentrant_corners
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive_loop import AdaptiveLoop
 from pvdf_fem.solver.estimate.correction import correct_in_richer_space
@@ -35,11 +35,8 @@ from pvdf_fem.solver.nonlinear.status import Status
 FLAT_ERROR = 4e-4
 #: Order of convergence of a frequency with the element size.
 ERROR_ORDER = 4.0
-#: Constant C of the error due to a re-entrant corner, see `_choose_corner_sizes`; measured for the
-#: lowest mode of an L of three squares.
-CORNER_ERROR = 0.08
 #: Fraction of the tolerance that the re-entrant corners of the film may use.
-CORNER_SHARE = 0.5
+CORNER_SHARE = 0.25
 #: Wavenumber of the lowest mode of a disc, times its radius; `estimate_wavenumber` is larger.
 LOWEST_WAVENUMBER = 2.4
 #: Number of Newton iterations that cost as much as one eigenvalue problem.
@@ -167,8 +164,13 @@ class ModalProblem:
                 estimate_bending_effect(scene).rim_length, self.bending_increase, tolerance
             )
             patch_sizes[FILM] = min(size, layer)
-        corners = _choose_corner_sizes(scene, 0.5 * tolerance, wavenumber=wavenumber, largest=size)
-        self.sizes = GradedSizes(patch_sizes, 0.4, film=size, points=tuple(corners))
+        corner_sizes = choose_corner_sizes(
+            scene.film,
+            CORNER_SHARE * tolerance,
+            scale=scene.film.radius * LOWEST_WAVENUMBER / wavenumber,
+            largest=size,
+        )
+        self.sizes = GradedSizes(patch_sizes, 0.4, film=size, points=corner_sizes)
         return self.sizes
 
     def choose_next_sizes(
@@ -240,49 +242,6 @@ class ModalProblem:
         if isinstance(spectra, Status):
             return ModalLevel(coarse, spectra, iterations, failed)
         return ModalLevel(coarse, Status.CONVERGED, iterations, failed, spectra=spectra)
-
-
-def _choose_corner_sizes(
-    scene: Scene, tolerance: float, wavenumber: float, largest: float
-) -> Iterator[PointSize]:
-    """Choose element sizes at the film's re-entrant corners, where the slope is singular.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene with the film.
-    tolerance : float
-        Relative error of a frequency, of which all corners together contribute at most
-        `CORNER_SHARE`.
-    wavenumber : float
-        Wavenumber of the highest mode, times the film's hydraulic radius.
-    largest : float
-        Element size in m that is small enough elsewhere.
-
-    Yields
-    ------
-    PointSize
-        Sizes below `largest`.
-
-    Notes
-    -----
-    The deflection changes by r^α sin(α θ) over the length l, which is the shorter side at the
-    corner or, if it is less, the length over which the mode varies. Elements of the size h at the
-    corner increase a frequency relatively by C (1 - α)² (l/a)² (h/l)^(2 α), where a is the
-    hydraulic radius: the energy of the corner's elements, times the fraction of the area that is
-    beside the corner. Without a singularity (α = 1) there is no such term.
-    """
-    radius = scene.film.radius
-    corners = list(find_reentrant_corners(scene.film.outline))
-    for corner in corners:
-        alpha = corner.exponent
-        length = min(corner.side, radius * LOWEST_WAVENUMBER / wavenumber)
-        strength = CORNER_ERROR * (1.0 - alpha) ** 2 * (length / radius) ** 2
-        allowed = CORNER_SHARE * tolerance / len(corners)
-        size = length * float(allowed / strength) ** (0.5 / alpha)
-        if size < largest:
-            x, y = corner.point.tolist()
-            yield PointSize((x, y), size)
 
 
 def _is_slack(equilibrium: Equilibrium) -> bool:

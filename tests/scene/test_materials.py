@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from pvdf_fem import Scene, SceneError, gradients, materials, solve, sweep
+from pvdf_fem import Scene, SceneError, calibrate, gradients, materials, solve, sweep
 from pvdf_fem.batch.plan import plan_solves
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.materials.catalogue import FILM_NAMES, LAYER_NAMES, read_sources
@@ -213,3 +213,23 @@ def test_only_numbers_outside_the_first_source_are_disputed():
     disputed = SourcedValue(3.0, (own, within, beyond))
     assert disputed.has_disagreement
     assert (disputed.low, disputed.high) == (2.0, 4.5)
+
+
+@pytest.mark.slow
+def test_a_calibration_finds_a_coefficient_and_keeps_the_material():
+    """Readings of a film whose d31 is 17 pC/N, where its maker prints 18 to 20."""
+    changes = {"film.pretension_N_m": 10.0, "readout": {"kind": "charge"}}
+    scene = film_of("goodfellow-uniaxial").with_({**PRESSED, **changes, "numerics.tolerance": 1e-2})
+    scene = scene.with_(uncertain={"film.d31_pC_N": "15 %"})
+    columns = {name: [] for name in ("x_mm", "y_mm", "force_N", *"ABCD")}
+    for angle in range(6):
+        place = {"x_mm": 6.0 * math.cos(angle), "y_mm": 6.0 * math.sin(angle)}
+        changes = {f"probe.{key}": value for key, value in place.items()}
+        solution = solve(scene.with_({**changes, "film.d31_pC_N": 17.0, "load.force_N": 0.5}))
+        row = {**place, "force_N": 0.5, **solution.readings_V}
+        for name, values_of_name in columns.items():
+            values_of_name.append(row[name])
+    calibrated = calibrate(scene, columns, ["film.d31_pC_N"]).scene.film
+    assert calibrated.d31_pC_N == pytest.approx(17.0, rel=1e-2)
+    assert calibrated.material == "goodfellow-uniaxial"
+    assert calibrated.d32_pC_N == 2.0

@@ -70,6 +70,6 @@ def _describe_thickness(film: Film, material: Material) -> str:
     thicknesses = material.thicknesses_um
     if not thicknesses or film.thickness_um in thicknesses:
         return ""
-    made = ", ".join(f"{thickness:g}" for thickness in thicknesses)
-    reason = f"is not a thickness of {material.name}; it is made in {made} µm"
+    advice = f"it is made in {material.format_thicknesses()} µm"
+    reason = f"is not a thickness of {material.name}; {advice}"
     return format_error("film.thickness_um", film.thickness_um, reason)

@@ -135,7 +135,7 @@ class Material(Result):
     properties : mapping of str to SourcedValue
         The known properties by the keys that a scene file has for them.
     thicknesses_um : tuple of float
-        Thicknesses in µm in which the product is made, or that are usual; may be empty.
+        Thicknesses in µm in which the product is made, the most usual one first; may be empty.
     notes : tuple of str
         Sentences about what is unknown or special.
 
@@ -165,6 +165,10 @@ class Material(Result):
         names = FILM_PROPERTIES if self.is_film else LAYER_PROPERTIES
         return tuple(name for name in names if name not in self.properties)
 
+    def format_thicknesses(self) -> str:
+        """Return the thicknesses in µm in increasing order, with commas between them."""
+        return ", ".join(f"{thickness:g}" for thickness in sorted(self.thicknesses_um))
+
     def summary(self) -> Summary:
         """Show all properties with their ranges and sources, and what is unknown."""
         rows = []
@@ -178,8 +182,7 @@ class Material(Result):
         table = TextTable(heading, tuple(rows))
         sentences = [self.title]
         if self.thicknesses_um:
-            thicknesses = ", ".join(f"{thickness:g}" for thickness in self.thicknesses_um)
-            sentences.append(f"thickness: {thicknesses} µm")
+            sentences.append(f"thickness: {self.format_thicknesses()} µm")
         notes = list(self.notes)
         if self.missing:
             notes.append(f"No readable source gives {join_words(self.missing)}.")
@@ -222,8 +225,8 @@ class Material(Result):
             raise ValueError(f"{self.name}: is a layer, not a film; use it as a patch")
         lines = [f"# {self.title}", "[film]", f"material = {format_toml_value(self.name)}"]
         if self.thicknesses_um:
-            choices = ", ".join(f"{thickness:g}" for thickness in self.thicknesses_um)
-            lines.append(f"thickness_um = {self.thicknesses_um[0]}  # made in {choices} µm")
+            choices = f"made in {self.format_thicknesses()} µm"
+            lines.append(f"thickness_um = {self.thicknesses_um[0]}  # {choices}")
         for name in UNSET_PROPERTIES:
             if name in self.properties:
                 value = self.properties[name].value

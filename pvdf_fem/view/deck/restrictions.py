@@ -53,6 +53,8 @@ def _find_errors(problem: Problem) -> Iterator[str]:
             is_used = problem.film.bends if name == "bending" else bool(problem.floating_electrodes)
         else:
             is_used = bool(value)
+        if name == "pyroelectric_uC_m2K" and not film.warming_K:
+            is_used = False  # without warming there is no charge; warm probes are refused below
         if is_used:
             yield format_error(f"film.{name}", value, f"is not in a deck: {reason}; remove it")
     for found in find_support_keys(film):
@@ -68,7 +70,7 @@ def _find_errors(problem: Problem) -> Iterator[str]:
         reason = 'is not read from a deck; give "material"'
         yield format_error("numerics.observable", scene.numerics.observable, reason)
     if not scene.electrode_list:
-        yield "electrodes: there are none, whose charges could be compared; add some"
+        yield "electrodes: is empty, so that there is no charge to compare; add an electrode"
     for loaded in scene.loaded_probes:
         if loaded.load.kind not in STATED_KINDS:
             key = find_load_key(loaded.key, loaded.probe, "kind")

@@ -9,7 +9,7 @@ from pvdf_fem.problem.problem import Problem
 from pvdf_fem.view.deck.restrictions import require_deck
 
 TRIANGLE = Scene.example("triangle")
-HEAT = {"film.pyroelectric_uC_m2K": -25.0}
+HEAT = {"film.pyroelectric_uC_m2K": -25.0, "film.warming_K": 0.3}
 
 
 @pytest.mark.parametrize(
@@ -44,6 +44,7 @@ def test_what_a_deck_cannot_state_is_refused_by_its_key(changes, key):
         {},
         {"film.bending": "auto", "numerics.tolerance": 0.05},
         {"film.coupling": "auto"},
+        {"film.material": "te-copolymer"},  # its pyroelectric effect needs warming
         {"load.kind": "follower", "film.warming_K": 0.3, "film.gravity_m_s2": -9.81},
         {"probe": None, "film.pressure_Pa": 100.0},
     ],
