@@ -5,7 +5,8 @@ Scenes and solutions
     scene in `Scene.with_`. `Problem` resolves a scene to what is solved, and printing it shows the
     film model, the symmetry and the neglected effects. `solve` returns a `Solution` with the
     charges and their errors. `SceneError` lists the errors of a scene; `NotConvergedError` and
-    `Status` say why a solve has no charges.
+    `Status` say why a solve has no charges. `materials` lists the real films of `film.material`
+    with the sources of their values.
 About one solution
     `gradients` computes the derivatives of the charges, and `uncertainty` their standard deviations
     due to uncertain values of the scene. `modes` computes the frequencies of the film, `respond`
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from pvdf_fem.inverse.tracking.tracker import Tracker
     from pvdf_fem.problem.problem import Problem
     from pvdf_fem.report.report import Report
+    from pvdf_fem.scene.materials.catalogue import materials
     from pvdf_fem.scene.scene import Replaced, Scene, SceneError
     from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
     from pvdf_fem.solver.sensitivity.gradients import gradients
@@ -84,6 +86,7 @@ __all__ = [
     "half_sine",
     "locate",
     "locate_many",
+    "materials",
     "modes",
     "respond",
     "solve",
@@ -117,6 +120,7 @@ _MODULES = {
     "half_sine": "dynamics.force_history",
     "locate": "inverse.touch.locate",
     "locate_many": "inverse.touch.locate_many",
+    "materials": "scene.materials.catalogue",
     "modes": "dynamics.modes",
     "respond": "dynamics.frequency_response",
     "solve": "solver.solve",

@@ -55,6 +55,7 @@ def test_functions_accept_a_solution_or_tables_for_a_scene(solution):
 #: a model.
 CALLS = {
     "solve": "S",
+    "materials": "'pet'",
     "modes": "S",
     "gradients": "s",
     "uncertainty": "s, {'film.thickness_um': '5 %'}",

@@ -41,6 +41,7 @@ exit codes: 0 converged, 2 bad input or an output that cannot be written,
 _MODULES = {
     "example": "pvdf_fem.cli.texts",
     "keys": "pvdf_fem.cli.texts",
+    "materials": "pvdf_fem.cli.materials",
     "solve": "pvdf_fem.cli.solve",
     "mesh": "pvdf_fem.cli.files.mesh",
     "deck": "pvdf_fem.cli.files.deck",

@@ -165,10 +165,11 @@ class ResponseChoice:
             these settings, if it exists; else the first file beside the scene file whose response
             can be used; else the file that would be written.
         """
-        from pvdf_fem.surrogate.response_key import make_response_key
+        from pvdf_fem.surrogate.response_key import make_mechanical_key, make_response_key
 
         if self.file:
             return self.file
+        make_mechanical_key(scene)  # raises for a scene without a response, which has no reach
         domain, tolerance = self.resolve_settings(scene)
         own = _make_default_path(scene_file, make_response_key(scene, domain, tolerance))
         if own.exists():

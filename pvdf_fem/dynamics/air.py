@@ -28,7 +28,7 @@ from scipy.special import eval_jacobi, poch
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.problem.equilibrium import Equilibrium
-from pvdf_fem.scene.film import Air
+from pvdf_fem.scene.air import Air
 
 SOUND_SPEED = 343.2  #: Speed of sound in air at 20 degrees Celsius, in m/s.
 MAX_QUADRATURE_ORDER = 19  #: Highest quadrature order of scikit-fem.

@@ -13,6 +13,7 @@ import numpy as np
 
 from pvdf_fem.dynamics.air import SOUND_SPEED
 from pvdf_fem.dynamics.modes import describe_missing_air
+from pvdf_fem.dynamics.one_sided import require_pressed_backings
 from pvdf_fem.electrodes.channel import Channel, make_channels
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.arguments import SceneLike, as_scene
@@ -65,11 +66,12 @@ def resolve_loaded_solution(solution: Solution | SceneLike) -> LoadedSolution:
     Raises
     ------
     SceneError
-        If the scene does not have a single probe, has a tip, or has charges that do not follow from
-        the stress alone.
+        If the scene does not have a single probe, has a tip, has a one-sided backing that no load
+        presses, or has charges that do not follow from the stress alone.
     """
     scene = as_scene(solution)
     scene.require_no_tips("oscillations about the load")
+    require_pressed_backings(scene)
     scene.require_plain_charges("oscillations", "warming_K", "temperature_K")
     if scene.single_probe is None:
         raise SceneError(["probe: is required; add the [probe] whose force changes"])

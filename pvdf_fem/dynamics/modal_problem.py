@@ -14,6 +14,7 @@ import numpy as np
 
 from pvdf_fem.dynamics.spectrum import EquilibriumState, Spectrum, compute_spectra
 from pvdf_fem.film.bending.effect import choose_layer_size, estimate_bending_effect
+from pvdf_fem.mesh.corner_sizes import choose_corner_sizes
 from pvdf_fem.mesh.size_field import GradedSizes
 from pvdf_fem.mesh.subdomains import FILM
 from pvdf_fem.problem.equilibrium import Equilibrium
@@ -34,6 +35,10 @@ from pvdf_fem.solver.nonlinear.status import Status
 FLAT_ERROR = 4e-4
 #: Order of convergence of a frequency with the element size.
 ERROR_ORDER = 4.0
+#: Fraction of the tolerance that the re-entrant corners of the film may use.
+CORNER_SHARE = 0.25
+#: Wavenumber of the lowest mode of a disc, times its radius; `estimate_wavenumber` is larger.
+LOWEST_WAVENUMBER = 2.4
 #: Number of Newton iterations that cost as much as one eigenvalue problem.
 ITERATIONS_PER_EIGENPROBLEM = 3
 
@@ -142,7 +147,8 @@ class ModalProblem:
     def choose_first_sizes(self) -> GradedSizes:
         """Choose and store element sizes whose error is half the tolerance for the flat film.
 
-        Elements at probes, and at the rim of a film that bends, are smaller if necessary.
+        Elements at probes, at re-entrant corners, and at the rim of a film that bends, are smaller
+        if necessary.
         """
         scene = self.problem.scene
         tolerance = scene.numerics.tolerance
@@ -158,7 +164,13 @@ class ModalProblem:
                 estimate_bending_effect(scene).rim_length, self.bending_increase, tolerance
             )
             patch_sizes[FILM] = min(size, layer)
-        self.sizes = GradedSizes(patch_sizes, 0.4, size)
+        corner_sizes = choose_corner_sizes(
+            scene.film,
+            CORNER_SHARE * tolerance,
+            scale=scene.film.radius * LOWEST_WAVENUMBER / wavenumber,
+            largest=size,
+        )
+        self.sizes = GradedSizes(patch_sizes, 0.4, film=size, points=corner_sizes)
         return self.sizes
 
     def choose_next_sizes(

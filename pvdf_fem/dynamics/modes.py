@@ -17,14 +17,15 @@ from skfem import Basis
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.dynamics.modal_problem import ModalProblem, estimate_bending_increase
+from pvdf_fem.dynamics.one_sided import require_pressed_backings
 from pvdf_fem.dynamics.spectrum import AIR, VACUUM, Spectrum
 from pvdf_fem.film.coupling import describe_coupling
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.mesh.gmsh_mesh import MeshError
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.progress import Progress, SolveCounter, show_progress
+from pvdf_fem.scene.air import Air
 from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
-from pvdf_fem.scene.film import Air
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.solver.adaptive_loop import TooManyUnknownsError
 from pvdf_fem.solver.nonlinear.status import NotConvergedError, Status
@@ -214,7 +215,8 @@ def modes(
     Raises
     ------
     SceneError
-        If the scene is not valid, or has a tip and `loaded` is true.
+        If the scene is not valid, has a tip and `loaded` is true, or has a one-sided backing that
+        no load presses, from which the film lifts off in every oscillation.
 
     Examples
     --------
@@ -227,6 +229,7 @@ def modes(
     if loaded:
         scene.require_no_tips("frequencies about the load")
     film_scene = scene if loaded else _keep_rigid_probes(scene)
+    require_pressed_backings(film_scene)
     bending_increase = estimate_bending_increase(film_scene, count, loaded)
     bending = scene.film.bending
     if bending == "auto":

@@ -33,7 +33,7 @@ from pvdf_fem.dynamics.spectrum import assemble_pencil
 from pvdf_fem.electrodes.stress_integrals import differentiate_charges
 from pvdf_fem.film.loads.probe_load import UP
 from pvdf_fem.film.low_rank import LowRankUpdate
-from pvdf_fem.film.term import LoadTerm, State
+from pvdf_fem.film.term import LoadTerm, State, Support
 from pvdf_fem.problem.equilibrium import Equilibrium
 from pvdf_fem.progress import Progress, ignore_progress
 from pvdf_fem.solver.estimate.next_order import factorise_tangent, solve_next_order
@@ -278,7 +278,7 @@ def linearise_about(solution: Solution) -> LinearisedMotion:
 def _assemble_elastic_stiffness(equilibrium: Equilibrium, state: State) -> Any:
     """Assemble the tangent stiffness of the film in N/m, without its geometric stiffness.
 
-    Terms of the loads are left out, too.
+    Terms of loads and supports are left out, too.
 
     Parameters
     ----------
@@ -289,7 +289,8 @@ def _assemble_elastic_stiffness(equilibrium: Equilibrium, state: State) -> Any:
     """
     space = equilibrium.space
     membrane = equilibrium.membrane
-    film_terms = [term for term in equilibrium.terms if not isinstance(term, LoadTerm)]
+    outside = (LoadTerm, Support)
+    film_terms = [term for term in equilibrium.terms if not isinstance(term, outside)]
     film = equilibrium.with_terms(film_terms)
     # Membrane tension times quadrature weights. Its components 11, 22, 12 become a matrix of the
     # shape (elements, points, 2, 2).

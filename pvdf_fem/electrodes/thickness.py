@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from pvdf_fem.arrays import Array
-from pvdf_fem.film.term import LoadTerm, State
+from pvdf_fem.film.term import State
 from pvdf_fem.mesh.subdomains import make_subdomain_name
 from pvdf_fem.problem.equilibrium import Equilibrium
 
 
 def compute_thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
-    """Compute the charges that loads on the film's face add through d33.
+    """Compute the charges that loads and supports on the film's faces add through d33.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def compute_thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
 
 
 def compute_element_thickness_charges(equilibrium: Equilibrium, state: State) -> Array:
-    """Compute the charges that loads on the film's face cause in every element through d33.
+    """Compute the charges that forces on the film's faces cause in every element through d33.
 
     Parameters
     ----------
@@ -51,8 +51,6 @@ def compute_element_thickness_charges(equilibrium: Equilibrium, state: State) ->
     unbalanced_forces = equilibrium.unbalanced_forces(state)
     pressing = np.zeros(equilibrium.space.mesh.nelements)
     for term in equilibrium.terms:
-        if not isinstance(term, LoadTerm):
-            continue
         pressed = term.through_thickness_forces(state, unbalanced_forces)
         if pressed is not None:
             elements, forces = pressed

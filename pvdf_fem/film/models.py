@@ -28,6 +28,7 @@ from pvdf_fem.film.membrane import Membrane
 from pvdf_fem.film.space import Space
 from pvdf_fem.film.term import State, Term
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
+from pvdf_fem.scene.placed.support_keys import find_support_keys
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.scene.scene_file import quote
 
@@ -212,7 +213,7 @@ class FilmModel:
         """The keys of the scene to change so that bending is included."""
         if self.wrinkles:
             return 'film.compression = "refuse" with film.bending = "auto" or true'
-        if self.scene.film.patches:
+        if self.scene.film.layers:
             return "thinner film.patches, or both_sides = true"
         if self.scene.tips:
             return 'another load.kind than "contact"'
@@ -255,6 +256,8 @@ def resolve_film_model(scene: Scene) -> FilmModel:
     exceeds the tolerance of the charges.
     """
     kinematics = _choose_kinematics(scene)
+    # a support resists the deflection, whatever the thickness of the film
+    has_support = any(find_support_keys(scene.film))
     # the next order still has half of the error from the singular edge of a rigid probe
     edge_saturation = 2.0 if has_rigid_probe(scene) else 1.0
     if kinematics is PLATE:
@@ -280,10 +283,13 @@ def resolve_film_model(scene: Scene) -> FilmModel:
             # Newton steps shrink only linearly, and round-off in a stiff film ends them early
             imbalance=max(1e-6, 0.1 * scene.numerics.tolerance),
         )
-        capabilities = Capabilities(has_film_derivatives=False)
+        capabilities = Capabilities(
+            scales_with_force_over_thickness=not has_support,
+            has_film_derivatives=False,
+        )
     else:
         policy = MeshPolicy(saturation=edge_saturation)
-        capabilities = Capabilities()
+        capabilities = Capabilities(scales_with_force_over_thickness=not has_support)
     return FilmModel(scene, kinematics, mesh_policy=policy, capabilities=capabilities)
 
 

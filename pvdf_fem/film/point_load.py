@@ -42,6 +42,47 @@ def estimate_tension(film: Film, force: float, r: float) -> float:
     return _solve_cubic(unloaded, estimate_tension_cube(film, force, r))
 
 
+def estimate_backed_tension(
+    film: Film, force: float, r: float, backing: float, iterations: int = 20
+) -> float:
+    """Estimate the tension of a film on an elastic backing under a point load.
+
+    Parameters
+    ----------
+    film : Film
+        Film with its thickness, stiffness and prestress.
+    force : float
+        Point load in N.
+    r : float
+        Distance from the load in m.
+    backing : float
+        Stiffness of the backing in N/m³; 0 without one.
+    iterations : int, optional
+        Number of iterations, in which the tension decreases.
+
+    Returns
+    -------
+    float
+        Tension in N/m.
+
+    Notes
+    -----
+    On a backing of the stiffness k, a film with the tension N transmits the fraction x K1(x) of the
+    force beyond the distance r, with x = r sqrt(k/N). It is replaced by sqrt(1 + pi x/2) exp(-x),
+    which differs by less than 3 % of the force.
+    """
+    tension = estimate_tension(film, force, r)
+    if not backing:
+        return tension
+    for _ in range(iterations):
+        if tension <= 0.0:
+            break
+        x = r * math.sqrt(backing / tension)
+        fraction = math.sqrt(1.0 + 0.5 * math.pi * x) * math.exp(-x)
+        tension = estimate_tension(film, fraction * force, r)
+    return tension
+
+
 def estimate_tension_cube(film: Film, force: float, r: float, schwerin: float = 0.24) -> float:
     """Estimate the cube of the tension under a point load in a film without pretension.
 

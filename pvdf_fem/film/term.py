@@ -20,6 +20,8 @@ import scipy.sparse as sp
 
 from pvdf_fem.arrays import Array, Indices, Selection
 from pvdf_fem.film.space import Space
+from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.placed.patch import Patch
 
 NO_INDICES: Indices = np.empty(0, dtype=np.int64)
 
@@ -62,7 +64,7 @@ class ElementStress(NamedTuple):
 
 
 class ElementForces(NamedTuple):
-    """Forces along z with which a load presses on the film's face, one for each element listed."""
+    """Forces along z that press on the film's faces, one for each element listed."""
 
     elements: Selection  #: Numbers of the elements, shape (n,), or a slice.
     forces: Array  #: In N, shape (n,).
@@ -210,6 +212,26 @@ class Term(SolverHints, NonlocalTangent, ABC):
         """
         return None
 
+    def through_thickness_forces(self, state: State, residual: Array) -> ElementForces | None:
+        """Return the forces that press on the film's faces, element by element.
+
+        They compress the film across its thickness, which causes a charge through d33.
+
+        Parameters
+        ----------
+        state : State
+            The state of the film.
+        residual : ndarray, shape (dofs,)
+            The residual of all terms at this state in N. At constrained dofs it contains the
+            reactions, from which a rigid punch computes its forces.
+
+        Returns
+        -------
+        ElementForces or None
+            Default: None, for a term that does not press on a face, such as the film's weight.
+        """
+        return None
+
     # --- derived from the members above; a term may override them with faster or more exact methods
 
     def element_action(self, state: State, x: Array) -> Array | None:
@@ -315,22 +337,22 @@ class LoadTerm(Term):
         """
         return -self.forces(state)
 
-    def through_thickness_forces(self, state: State, residual: Array) -> ElementForces | None:
-        """Return the forces that press on the film's face, element by element.
 
-        They compress the film across its thickness, which causes a charge through d33.
+class Support(Term):
+    """A term of something outside of the film that holds it besides the rim, such as a backing.
 
-        Parameters
-        ----------
-        state : State
-            The state of the film.
-        residual : ndarray, shape (dofs,)
-            The residual of all terms at this state in N. At constrained dofs it contains the
-            reactions, from which a rigid punch computes its forces.
+    Its forces are reactions, not loads: they count in the balance of forces. It has no mass and no
+    losses.
 
-        Returns
-        -------
-        ElementForces or None
-            Default: None, for a load that does not press on a face, such as the film's weight.
-        """
-        return None
+    Parameters
+    ----------
+    table : Film or Patch
+        The table of the scene that describes the support.
+    space : Space
+        The finite-element space.
+    elements : slice or ndarray, shape (n,)
+        Numbers of the elements that the support holds.
+    """
+
+    @abstractmethod
+    def __init__(self, table: Film | Patch, space: Space, elements: Selection) -> None: ...

@@ -152,7 +152,8 @@ def find_other_unit(
     test = _UnitTest(
         response, tuple(readings), table[rows], known, sigma=sigma, noise=noise, reading=reading
     )
-    with np.errstate(over="ignore", invalid="ignore"):  # a wrong unit may be too large for a search
+    # in a wrong unit, readings may be too large for a search, or their deviations underflow to 0
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         return test.find_other(unit)
 
 

@@ -17,7 +17,7 @@ from types import MappingProxyType
 import numpy as np
 from skfem import MeshTri2
 
-from pvdf_fem.arrays import Indices
+from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.mesh import six_node
 from pvdf_fem.mesh.gmsh_libraries import GmshInUseError, GmshMissingError, describe_missing_gmsh
 from pvdf_fem.mesh.gmsh_lock import GMSH_LOCK
@@ -25,6 +25,7 @@ from pvdf_fem.mesh.gmsh_outlines import add_surface
 from pvdf_fem.mesh.size_field import (
     GMSH_SIZE_RATIO,
     GradedSizes,
+    PointSize,
     SizeField,
     compute_element_sizes,
     count_arcs,
@@ -189,7 +190,7 @@ def _mesh_once(
                     for name in sizes.patches
                     if name in surfaces
                 }
-                _set_graded_sizes(curves, sizes, unit=unit)
+                _set_graded_sizes(curves, sizes, unit=unit, frame=sector.frame)
             else:
                 _set_size_field(sizes, unit)
             gmsh.model.mesh.generate(2)
@@ -290,8 +291,10 @@ def _find_outer_curves(surfaces: list[int], shape: Outline, sector: SymmetrySect
     return sorted(curves)
 
 
-def _set_graded_sizes(curves: dict[str, list[int]], sizes: GradedSizes, unit: float) -> None:
-    """Set element sizes in gmsh's model that grow with the distance from outlines.
+def _set_graded_sizes(
+    curves: dict[str, list[int]], sizes: GradedSizes, unit: float, frame: Array
+) -> None:
+    """Set element sizes in gmsh's model that grow with the distance from outlines and points.
 
     Parameters
     ----------
@@ -301,6 +304,8 @@ def _set_graded_sizes(curves: dict[str, list[int]], sizes: GradedSizes, unit: fl
         Element sizes in m.
     unit : float
         Unit of gmsh's lengths in m.
+    frame : ndarray, shape (2, 2)
+        Rotation matrix from the axes of the scene to the axes of the mesh.
     """
     gmsh.option.setNumber("Mesh.MeshSizeMax", sizes.film / unit)
     field = gmsh.model.mesh.field
@@ -320,10 +325,28 @@ def _set_graded_sizes(curves: dict[str, list[int]], sizes: GradedSizes, unit: fl
         field.setNumber(threshold, "DistMin", 0.0)
         field.setNumber(threshold, "DistMax", max(width, 1e-9))
         thresholds.append(threshold)
-    if thresholds:
+    balls = [_add_point_size(one, sizes, unit=unit, frame=frame) for one in sizes.points]
+    if thresholds or balls:
         smallest = field.add("Min")
-        field.setNumbers(smallest, "FieldsList", thresholds)
+        field.setNumbers(smallest, "FieldsList", [*thresholds, *balls])
         field.setAsBackgroundMesh(smallest)
+
+
+def _add_point_size(one: PointSize, sizes: GradedSizes, unit: float, frame: Array) -> int:
+    """Add a field of sizes that grow with the distance from a point; return its tag.
+
+    The parameters are those of `_set_graded_sizes`, and the point with its size.
+    """
+    field = gmsh.model.mesh.field
+    x, y = frame @ one.point / unit
+    ball = field.add("Ball")
+    field.setNumber(ball, "XCenter", x)
+    field.setNumber(ball, "YCenter", y)
+    field.setNumber(ball, "Radius", 0.0)
+    field.setNumber(ball, "VIn", one.size / unit)
+    field.setNumber(ball, "VOut", sizes.film / unit)
+    field.setNumber(ball, "Thickness", (sizes.film - one.size) / sizes.growth / unit)
+    return int(ball)
 
 
 def _set_size_field(sizes: SizeField, unit: float) -> None:

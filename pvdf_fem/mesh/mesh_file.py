@@ -43,6 +43,9 @@ from pvdf_fem.scene.scene import Scene
 # Sides inside of an outline are bent along its curved sides where a Jacobian is below this fraction
 # of the element's mean, as in `mesh_scene`.
 _MIN_JACOBIAN_RATIO = 0.14
+# Vertices are on one line if the determinant of two sides is below this fraction of their squared
+# lengths, as round-off leaves it.
+_FLAT_FRACTION = 1e-12
 
 
 class GivenMesh(NamedTuple):
@@ -163,7 +166,7 @@ def _require_areas(points: Array, triangles: Indices) -> None:
     """Raise `MeshFileError` if the vertices of a triangle are on one line."""
     corners = points[triangles[:, :3]]
     edges = corners[:, 1:] - corners[:, :1]
-    is_flat = np.abs(np.linalg.det(edges)) <= 1e-12 * np.square(edges).sum(axis=(1, 2))
+    is_flat = np.abs(np.linalg.det(edges)) <= _FLAT_FRACTION * np.square(edges).sum(axis=(1, 2))
     if is_flat.any():
         raise MeshFileError(f"has {is_flat.sum()} triangles without an area; mesh the film again")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from skfem import MeshTri2
@@ -13,6 +14,13 @@ from pvdf_fem.scene.outlines.outline import Outline
 
 #: Approximate ratio of the requested element size to the size of the elements that gmsh makes.
 GMSH_SIZE_RATIO = 1.18
+
+
+class PointSize(NamedTuple):
+    """Element size at a point, such as a re-entrant corner of the film."""
+
+    point: tuple[float, float]  #: In m, in the axes of the scene.
+    size: float  #: In m.
 
 
 @dataclass(frozen=True)
@@ -28,11 +36,14 @@ class GradedSizes:
         Increase of the element size per unit of distance from an outline.
     film : float
         Maximum element size in m.
+    points : tuple of PointSize, optional
+        Sizes at points, from which they grow in the same way.
     """
 
     patches: dict[str, float]
     growth: float
     film: float
+    points: tuple[PointSize, ...] = ()
 
     def estimate_element_count(
         self, area: float, outlines: Mapping[str, Outline], arcs: int, per_corner: float = 4.0
@@ -66,12 +77,16 @@ class GradedSizes:
             excess = max(1.0 / size - 1.0 / self.film, 0.0)
             count += 2.0 * outline.perimeter / self.growth * excess
             corners += max(len(outline.corners), len(outline.boundary) - 1)
+        for _, size in self.points:
+            # integral of 1 / size² around a point, where the size is proportional to the distance
+            count += 2.0 * np.pi / self.growth**2 * np.log(max(self.film / size, 1.0))
         return float(4.0 / np.sqrt(3.0) * GMSH_SIZE_RATIO**2 * count + per_corner * corners)
 
     def scale(self, factor: float) -> GradedSizes:
-        """Return a copy in which `patches`, `film` and `growth` are multiplied by a factor."""
+        """Return a copy in which all sizes and `growth` are multiplied by a factor."""
         patches = {name: size * factor for name, size in self.patches.items()}
-        return GradedSizes(patches, self.growth * factor, film=self.film * factor)
+        points = tuple(PointSize(point, size * factor) for point, size in self.points)
+        return GradedSizes(patches, self.growth * factor, film=self.film * factor, points=points)
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,8 +42,8 @@ def collect_outlines(scene: Scene) -> dict[str, Outline]:
     outlines = {}
     for electrode in scene.electrode_list:
         outlines[make_subdomain_name(electrode.name)] = electrode.outline
-    for name, layer in scene.film.layers.items():
-        outlines[name] = layer.patch.outline
+    for name, patch in scene.film.named_patches.items():
+        outlines[name] = patch.outline
     for probe in scene.loaded_probes:
         outlines[probe.patch] = probe.outline
     return outlines

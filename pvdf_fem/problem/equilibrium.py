@@ -22,7 +22,8 @@ from pvdf_fem.film.loads.load_spec import count_auxiliary_nodes
 from pvdf_fem.film.loads.probe_load import ProbeLoad
 from pvdf_fem.film.low_rank import LowRankUpdate
 from pvdf_fem.film.space import Space
-from pvdf_fem.film.term import LoadTerm, State, Term
+from pvdf_fem.film.supports import make_supports
+from pvdf_fem.film.term import LoadTerm, State, Support, Term
 from pvdf_fem.film.unknowns import FIXED, Assembly, Unknowns
 from pvdf_fem.mesh.subdomains import MIRRORS, RIM
 from pvdf_fem.mesh.symmetry import WHOLE_FILM, SymmetrySector
@@ -64,8 +65,8 @@ class Equilibrium:
             space = Space(mesh, order, count_auxiliary_nodes(problem.scene))
         self.space = space
         self.membrane = self.model.make_membrane(space, sector)
-        #: The membrane as the first term, then the loads, the coupling of floating electrodes, and
-        #: the plate if the film bends.
+        #: The membrane as the first term, then the loads, the supports, the coupling of floating
+        #: electrodes, and the plate if the film bends.
         self.terms = self._make_terms()
         #: Numbers of the dofs that the rim and the mirror lines fix, shape (n,).
         self.clamped = self._find_clamped_dofs()
@@ -74,6 +75,7 @@ class Equilibrium:
         """Make the terms; those of bending are last, since they depend on the others."""
         terms: list[Term] = [self.membrane]
         terms += make_loads(self.film, self.problem.loads, self.space, self.sector)
+        terms += make_supports(self.film, self.space)
         for electrode in self.problem.floating_electrodes:
             terms.append(Coupling(electrode, self.space))
         terms += self.model.make_bending_terms(self.space, terms)
@@ -383,8 +385,24 @@ class Equilibrium:
         """
         return self._sum_reflections(self.load_forces(state))
 
+    def support_reaction(self, state: State) -> Array:
+        """Return the force in N by which supports such as a backing hold the whole film.
+
+        Returns
+        -------
+        ndarray, shape (3,)
+            Components in the scene's axes; zero without supports.
+        """
+        forces = np.zeros(self.space.dof_count)
+        for term in self.terms:
+            if isinstance(term, Support):
+                forces = forces - term.residual(state)
+        return self._sum_reflections(forces)
+
     def imbalance(self, state: State) -> float:
-        """Return by how much rim reaction and applied force fail to cancel along the latter, in N.
+        """Return by how much reactions and applied force fail to cancel along the latter, in N.
+
+        The reactions are those of the rim and of supports.
 
         It is 0 without an applied force.
         """
@@ -392,7 +410,8 @@ class Equilibrium:
         size = float(np.linalg.norm(applied))
         if size == 0.0:
             return 0.0
-        along = (self.rim_reaction(state) + applied) @ applied
+        reaction = self.rim_reaction(state) + self.support_reaction(state)
+        along = (reaction + applied) @ applied
         return abs(float(along)) / size
 
     def _sum_reflections(self, forces: Array) -> Array:

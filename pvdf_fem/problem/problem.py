@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.film.backing import describe_backing
 from pvdf_fem.film.coupling import (
     FloatingElectrode,
     describe_coupling,
@@ -235,6 +236,7 @@ class Problem(Result):
             text = f"pressure: the function {name} in place of load.profile"
             notes.append(EffectNote(True, text))
         notes.append(self.film.bending_note)
+        notes += describe_backing(self.scene)
         notes += describe_coupling(self.scene)
         notes += describe_thickness_effect(
             self.scene, self.loads, self.floating_electrodes, charges_pC=charges_pC

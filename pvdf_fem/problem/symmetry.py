@@ -189,10 +189,10 @@ def _collect_patches(scene: Scene) -> dict[str, _MeshPatch]:
             properties=(_remove_tangential_force(probe), own_values),
             force=np.array(probe.load.components),
         )
-    for name, layer in scene.film.layers.items():
+    for name, patch in scene.film.named_patches.items():
         patches[name] = _MeshPatch(
-            layer.patch.outline,
-            properties=layer.patch.model_dump(include=_LAYER_KEYS),
+            patch.outline,
+            properties=patch.model_dump(include=_LAYER_KEYS),
             force=np.zeros(3),
         )
     return patches

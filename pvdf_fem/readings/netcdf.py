@@ -54,7 +54,18 @@ class NetcdfError(FileError):
 
 
 def find_format(content: bytes) -> NetcdfFormat | None:
-    """Return the format of a NetCDF file by its first bytes, or None if it has none."""
+    """Find the format of a NetCDF file by its first bytes.
+
+    Parameters
+    ----------
+    content : bytes
+        The content of the file, or its beginning.
+
+    Returns
+    -------
+    NetcdfFormat or None
+        None if the content is that of another file.
+    """
     for known in FORMATS:
         if content.startswith(known.signature):
             return known
@@ -92,7 +103,7 @@ def read_groups(content: bytes) -> dict[str, dict[str, xarray.Variable]]:
         message = f"cannot be read as {found.title} ({reason}); write or copy the file again"
         raise NetcdfError(message) from None
     groups: dict[str, dict[str, xarray.Variable]] = {}
-    for group in sorted(datasets, key=lambda group: group.count("/")):
+    for group in sorted(datasets, key=lambda path: path.count("/")):
         parent = group.rpartition("/")[0] or "/"
         variables = _decode_variables(datasets[group])
         groups[group] = {**groups.get(parent, {}), **variables}

@@ -11,7 +11,10 @@ import numpy as np
 from pydantic import BaseModel
 
 from pvdf_fem.scene.drawings.drawing import Drawing
+from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.load import FORCE_KEYS
+from pvdf_fem.scene.materials.catalogue import get_film_values
+from pvdf_fem.scene.materials.material import MATERIAL_KEYS
 from pvdf_fem.scene.placed.electrode import Electrode, Layout
 from pvdf_fem.scene.placed.placed_shape import SIZE_KEYS
 from pvdf_fem.scene.scene_file import format_error
@@ -21,7 +24,7 @@ from pvdf_fem.scene.validation.dependent_keys import ALTERNATIVE_KEYS, set_key
 Steps = tuple[Any, ...]
 
 # Keys on which the existence of other keys depends, in the order in which they must be changed.
-_DECISIVE_KEYS = ("drawing", "layout", "shape", "kind", "profile")
+_DECISIVE_KEYS = ("drawing", "material", "layout", "shape", "kind", "profile")
 # Value of a change that creates a table if there is none; the values in the table are changes of
 # their own.
 _TABLE = object()
@@ -267,7 +270,8 @@ def _apply_change(tables: dict[str, Any], steps: Steps, value: Any, alternative:
     """Set one key in the tables of a scene in place, and remove keys that do not go with it.
 
     Missing tables around the key are created. A new shape removes the size keys of all shapes, a
-    new layout removes the keys that only some layouts have, and `set_key` removes further keys.
+    new layout removes the keys that only some layouts have, a new material removes the values of
+    the old one, and `set_key` removes further keys.
 
     Parameters
     ----------
@@ -307,7 +311,21 @@ def _apply_change(tables: dict[str, Any], steps: Steps, value: Any, alternative:
     if steps == ("electrodes", "layout") and node.get("layout") != value:
         for key in node.keys() - _KEYS_OF_EVERY_LAYOUT:
             del node[key]
+    if steps == ("film", "material"):
+        _remove_values_of_material(node)
     set_key(node, last, value, alternative=alternative)
+
+
+def _remove_values_of_material(film: dict[str, Any]) -> None:
+    """Remove the values of the material from the table of a film, so that another one sets them.
+
+    Without a material, and for properties that it does not have, these are the defaults.
+    """
+    values = get_film_values(film.get("material"))
+    for key in MATERIAL_KEYS:
+        default = Film.model_fields[key].default
+        if key in film and film[key] == values.get(key, default):
+            del film[key]
 
 
 def _replace_electrodes(tables: dict[str, Any]) -> None:

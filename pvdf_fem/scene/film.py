@@ -1,4 +1,4 @@
-"""The tables ``[film]`` and ``[air]`` of a scene: the film, its material and the air around it."""
+"""The table ``[film]`` of a scene: the film and its material."""
 
 from __future__ import annotations
 
@@ -9,13 +9,16 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from pvdf_fem.scene.keys import Affects, Key, NumberOrPair, Section, make_validation_error
+from pvdf_fem.scene.keys import Affects, Key, NumberOrPair, make_validation_error
+from pvdf_fem.scene.materials.catalogue import FILM_NAMES, add_values_of_material
 from pvdf_fem.scene.outlines.outline import Outline, has_overlap
 from pvdf_fem.scene.placed.patch import (
+    BACKING,
     EXPANSION,
     MODULUS,
+    ONE_SIDED,
     Layer,
     Patch,
     compute_plane_stress_stiffness,
@@ -48,6 +51,12 @@ class Film(ShapedTable):
     default_shape: ClassVar[str] = "circle"
     default_sizes: ClassVar[Mapping[str, Mapping[str, float]]] = {"circle": {"radius_mm": 45.0}}
 
+    # The name itself affects nothing: its values are those of other keys.
+    material: Annotated[
+        str | None, Key("", None, Affects.INSTRUMENT, words=FILM_NAMES, example="te-uniaxial")
+    ] = None
+    """A real film, see `pvdf-fem materials`: its values are the defaults of the keys below, which
+    win where they are given."""
     thickness_um: Annotated[
         float,
         Key(
@@ -134,8 +143,13 @@ class Film(ShapedTable):
     film adds charge through d31 and d32. Neglected by default."""
     thermal_diffusivity_m2_s: Annotated[float, Key("m²/s", (1e-10, 0.01))] = 6e-8
     """Thermal diffusivity, for the heat of a probe with temperature_K."""
+    backing_N_m3: Annotated[float | None, BACKING] = None
+    """Stiffness of an elastic backing below the whole film, such as an elastomer: pressure per
+    deflection. The backing is free of stress and without mass; forces along +z press into it."""
+    backing_one_sided: Annotated[bool, ONE_SIDED] = False
+    """true: the film lifts off the backing. false: it is bonded to it."""
     patches: Annotated[tuple[Patch, ...] | None, Field(max_length=100)] = None
-    """Layers on the film, such as tape, ink and solder."""
+    """Layers on the film, such as tape, ink and solder, or backings of a part of it."""
     law: Annotated[str, Key(words=LAW_CLASSES)] = "hooke"
     """hooke: stress is linear in the Green-Lagrange strain. neo-hookean: rubber at large strains,
     equal to Hooke's law at small ones. Patches have the law of the film."""
@@ -157,6 +171,12 @@ class Film(ShapedTable):
             likely_units={"m": 1e3},
             example=EXAMPLE_SIZES.get(name, key.example),
         )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _add_values_of_material(cls, table: Any) -> Any:
+        """Add the values of the material to the table, under keys that it does not have."""
+        return add_values_of_material(table) if isinstance(table, Mapping) else table
 
     @field_validator("poisson_ratio")
     @classmethod
@@ -351,20 +371,19 @@ class Film(ShapedTable):
         )
 
     @property
+    def named_patches(self) -> dict[str, Patch]:
+        """The patches by the names of their subdomains in a mesh."""
+        return {f"film patch {i}": p for i, p in enumerate(self.patches or (), start=1)}
+
+    @property
     def layers(self) -> dict[str, Layer]:
-        """The materials of the patches, by the names of their subdomains in a mesh."""
-        patches = self.patches or ()
-        return {f"film patch {i}": self._make_layer(p) for i, p in enumerate(patches, start=1)}
+        """The materials of the patches that are layers, by the names of their subdomains."""
+        patches = self.named_patches.items()
+        return {name: self._make_layer(patch) for name, patch in patches if patch.thickness_um}
 
     def _make_layer(self, patch: Patch) -> Layer:
         """Make the layer of a patch; properties that the patch does not give are the film's."""
-        stiffness = self.stiffness
-        modulus = patch.youngs_modulus_GPa
-        if modulus is not None:
-            nu = patch.poisson_ratio
-            if nu is None:  # that of the film, or the mean √(ν12 ν21) of an orthotropic film
-                nu = float(stiffness[0, 1] / np.sqrt(stiffness[0, 0] * stiffness[1, 1]))
-            stiffness = 1e9 * compute_plane_stress_stiffness(modulus, modulus, nu12=nu)
+        stiffness = patch.compute_stiffness(self.stiffness)
         prestrain = self.reference_state.prestrain * (patch.bonded != "at rest")
         expansion = self.thermal_expansion_per_K
         if patch.thermal_expansion_per_K is not None:
@@ -426,12 +445,3 @@ class Film(ShapedTable):
             g_y = -derivative.imag
             strain += np.stack([g + x * g_x, g + y * g_y, x * g_y + y * g_x], axis=-1)
         return strain
-
-
-class Air(Section):
-    """The air on both sides of the film."""
-
-    density_kg_m3: Annotated[float, Key("kg/m³", (0.0, 1e5))] = 1.204
-    """Density of the air."""
-    baffle: Annotated[bool, Key()] = True
-    """true: the rim is set in an infinite rigid wall. false: air flows around the rim."""

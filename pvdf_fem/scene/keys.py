@@ -37,6 +37,7 @@ UNITS = {
     "pC_N": "pC/N",
     "N_m": "N/m",
     "kg_m3": "kg/m³",
+    "N_m3": "N/m³",
     "m2_s": "m²/s",
     "m_s2": "m/s²",
     "uC_m2K": "µC/(m² K)",

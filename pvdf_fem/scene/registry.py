@@ -44,6 +44,8 @@ FILM_LOAD_CLASSES = {
     "pressure_Pa": "pvdf_fem.film.loads.film_load:FilmPressure",
     "gravity_m_s2": "pvdf_fem.film.loads.weight:Weight",
 }
+#: Classes of supports that hold the film from outside, by the keys of film and patches.
+SUPPORT_CLASSES = {"backing_N_m3": "pvdf_fem.film.backing:Backing"}
 #: Class of each ``film.law``.
 LAW_CLASSES = {
     "hooke": "pvdf_fem.film.laws.law:Hooke",

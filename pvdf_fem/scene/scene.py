@@ -16,13 +16,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 from pydantic import ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
+from pvdf_fem.scene.air import Air
 from pvdf_fem.scene.changes import Replaced, apply_changes
 from pvdf_fem.scene.drawings.expansion import expand_drawing, read_scene_tables
-from pvdf_fem.scene.film import Air, Film
+from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.instrument.calibration import CalibratedParameters
 from pvdf_fem.scene.instrument.response_domain import ResponseDomain
 from pvdf_fem.scene.keys import Affects, Key, Section
 from pvdf_fem.scene.load import FORCE_KEYS, Load, LoadOverrides
+from pvdf_fem.scene.materials.film_notes import find_material_notes
 from pvdf_fem.scene.numerics import Numerics
 from pvdf_fem.scene.placed.electrode import Electrode, Electrodes, Layout
 from pvdf_fem.scene.placed.loaded_probe import LoadedProbe
@@ -144,15 +146,15 @@ class Scene(Result, Section):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings of a valid scene: loads without effect, and numbers in a probably wrong unit."""
+        """Warnings: loads without effect, probably wrong units, and doubts about the material."""
         warnings = []
         has_idle_load = self.probe is None and self.load != Load()
         if has_idle_load:
             warnings.append("load: has no effect without a probe; add [probe]")
         given_keys = [f"load.{key}" for key in self.load.model_dump(exclude_defaults=True)]
         for key in self.find_unused_load_keys(given_keys):
-            reason = "has no effect, since all probes override it"
-            warnings.append(f"{key}: {reason}; remove it here or from a probe")
+            reason = "has no effect, since all probes override it; remove it here or from a probe"
+            warnings.append(f"{key}: {reason}")
         tables: dict[str, Section] = {"film": self.film}
         if not has_idle_load:
             tables["load"] = self.load
@@ -160,7 +162,7 @@ class Scene(Result, Section):
             tables[f"film.patches[{number}]"] = patch
         for name, table in tables.items():
             warnings += find_unusual_values(name, table)
-        return tuple(warnings)
+        return (*warnings, *find_material_notes(self.film))
 
     @property
     def _probes(self) -> dict[str, Probe]:
@@ -391,9 +393,9 @@ class Scene(Result, Section):
 
         Notes
         -----
-        Keys that do not go with a new value are removed: the sizes of the old shape, keys that a
-        new layout does not have, and keys that require the old kind or profile of a load. Setting
-        ``film.pretension_N_m`` removes ``film.temperature_change_K``, and setting
+        Keys that do not go with a new value are removed: sizes of the old shape, values of the old
+        material, keys that a new layout does not have or that require the old kind or profile of a
+        load. Setting ``film.pretension_N_m`` removes ``film.temperature_change_K``, and setting
         ``load.depth_mm`` removes ``load.force_N``, and vice versa; setting both is an error.
         """
         own = self.to_json()
@@ -412,12 +414,12 @@ class Scene(Result, Section):
         """Summarize film, electrodes and probes, with the keys of `to_json` and the warnings."""
         names = ", ".join(electrode.name for electrode in self.electrode_list)
         probes = " and ".join(probe.shape for probe in self._probes.values()) or "no probe"
-        values = flatten(self.to_json(), lists=True)
-        rows = tuple((key, quote(value)) for key, value in values.items())
-        table = TextTable(("key", "value"), rows)
-        film = self.film.describe_outline()
+        values = flatten(self.to_json(), lists=True).items()
+        table = TextTable(("key", "value"), tuple((key, quote(value)) for key, value in values))
         sentence = f"electrodes {names}, {probes}"
-        return Summary(film, [sentence], tables=[table], notes=self.warnings)
+        return Summary(
+            self.film.describe_outline(), [sentence], tables=[table], notes=self.warnings
+        )
 
     @classmethod
     def _from_tables(

@@ -152,7 +152,9 @@ class Solution(ElectrodeCharges):
 
     @property
     def force_balance(self) -> float:
-        """Relative difference of the rim's reaction and the applied force, along this force.
+        """Relative difference of the reactions and the applied force, along this force.
+
+        The reactions are those of the rim and of a backing.
 
         It is 0 if the total applied force is zero.
         """

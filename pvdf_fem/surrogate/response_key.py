@@ -11,6 +11,7 @@ from typing import Any
 
 from pvdf_fem.scene.keys import Affects, select_by_effect
 from pvdf_fem.scene.scene import Numerics, Scene
+from pvdf_fem.scene.scene_file import format_error
 from pvdf_fem.surrogate.touch_domain import Domain, centre_probe
 
 
@@ -23,8 +24,8 @@ def make_mechanical_key(scene: Scene) -> str:
     Raises
     ------
     ValueError
-        If the scene does not have a single probe, prescribes a depth instead of a force, or has
-        keys with further charges (`Scene.require_plain_charges`).
+        If the scene does not have a single probe, prescribes a depth instead of a force, has a film
+        that is not a disc, or keys with further charges (`Scene.require_plain_charges`).
     """
     from pvdf_fem.problem.equivalence import describe_mechanics  # imports scikit-fem
     from pvdf_fem.problem.problem import Problem
@@ -37,6 +38,10 @@ def make_mechanical_key(scene: Scene) -> str:
             f"load.depth_mm = {depth_mm:g}: incompatible with a response, which is a function of"
             " the force; remove it"
         )
+    if not scene.film.is_disc:
+        reason = "incompatible with a response, which requires a disc"
+        advice = 'give film.shape = "circle", or use a command without a response'
+        raise ValueError(format_error("film.shape", scene.film.shape, f"{reason}; {advice}"))
     scene.require_plain_charges("a response")
     observable = scene.numerics.observable
     pressed = centre_probe(scene).model_copy(update={"numerics": Numerics(observable=observable)})
@@ -117,6 +122,7 @@ def _collect_mechanical_values(scene: Scene) -> dict[str, Any]:
         if name != "electrodes":
             for key, value in tables[0].items():
                 values[f"{name}.{key}"] = value
+    values["film.material"] = scene.film.material  # the cause of several other differences
     # The density matters only if the film has weight.
     values["film.density_kg_m3"] = scene.film.density_kg_m3 if scene.film.weight else 0.0
     return values

@@ -204,7 +204,7 @@ def find_validation_errors(
         reason = "must be a range of positive forces; give the minimum and the maximum"
         yield format_error("force_range_N", domain.force_N, reason)
     yield from _find_incompatible_keys(scene)
-    if has_tolerance and has_forces and scene.film.is_disc:
+    if has_tolerance and has_forces:
         if options is None:
             options = choose_options(scene, tolerance)
         yield from _find_reach_errors(scene, domain, options)
@@ -218,9 +218,6 @@ def _find_incompatible_keys(scene: Scene) -> Iterator[str]:
     if load.kind == "rigid":
         reason = "the stress is singular at the edge of the probe; choose 'dead' or 'follower'"
         yield format_error("load.kind", load.kind, f"incompatible with a response: {reason}")
-    if not film.is_disc:
-        reason = "incompatible with a response, which requires a disc; give shape = 'circle'"
-        yield format_error("film.shape", film.shape, reason)
     if film.is_inhomogeneous:
         yield "film: patches and rim_displacement_um are incompatible with a response; remove them"
     for key in FILM_LOAD_CLASSES:

@@ -17,6 +17,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.instrument.response_domain import ResponseDomain
 from pvdf_fem.scene.scene import Scene
+from pvdf_fem.scene.scene_file import SceneError, format_error
 
 #: Names of the quantities of a touch, in the order of its row.
 TOUCH_QUANTITIES = ("x_mm", "y_mm", "rotation_deg", "force_N")
@@ -196,8 +197,21 @@ def choose_default_reach_mm(scene: Scene, max_mm: float = 12.0, max_fraction: fl
         Upper limit in mm.
     max_fraction : float, optional
         Upper limit as a fraction of the film's radius.
+
+    Raises
+    ------
+    SceneError
+        If the probe does not fit at (0, 0), from which the reach is measured.
     """
-    clear_mm = compute_clear_reach_mm(centre_probe(scene))
+    try:
+        clear_mm = compute_clear_reach_mm(centre_probe(scene))
+    except SceneError:
+        if scene.film.is_disc:
+            raise
+        reason = "the reach is measured from (0, 0), where the probe is not within the rim"
+        advice = "shift film, electrodes and probe together, or make the probe smaller"
+        problem = format_error("film.shape", scene.film.shape, f"{reason}; {advice}")
+        raise SceneError([problem]) from None
     return min(max_mm, max_fraction * 1e3 * scene.film.radius, clear_mm)
 
 

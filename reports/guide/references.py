@@ -42,6 +42,11 @@ RESULTS: Mapping[str, tuple[str, ...]] = {
         "pvdf_fem.inverse.touch.touches.Touches",
         "pvdf_fem.inverse.tracking.results.TrackRow",
         "pvdf_fem.report.report.MadeReport",
+        "pvdf_fem.scene.materials.catalogue.Materials",
+        "pvdf_fem.scene.materials.material.Material",
+        "pvdf_fem.scene.materials.material.SourcedValue",
+        "pvdf_fem.scene.materials.material.Statement",
+        "pvdf_fem.scene.materials.material.Source",
         "pvdf_fem.report.kind.Content",
     ),
     "Options and other arguments": (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,6 +66,11 @@ class Stream:
         """Duration of the stream."""
         return float(self.true_s[-1] - self.true_s[0])
 
+    @cached_property
+    def first_stamped_row(self) -> int:
+        """Number of the first row that has a stamp."""
+        return int(np.argmax(np.isfinite(self.stamps_s)))
+
     @property
     def presses_in_window(self) -> tuple[Press, ...]:
         """Presses that begin and end in the window."""
@@ -113,8 +119,9 @@ class Stream:
 
     def compute_seen_force(self, press: Press) -> float:
         """Compute the largest force of a press in N, at rows with at least three true readings."""
-        is_shown = self.is_seen.sum(axis=1) >= 3
-        return float(press.compute_force(self.true_s[is_shown]).max(initial=0.0))
+        is_pressed = (self.true_s >= press.begin_s) & (self.true_s <= press.end_s)
+        is_shown = self.is_seen[is_pressed].sum(axis=1) >= 3
+        return float(press.compute_force(self.true_s[is_pressed][is_shown]).max(initial=0.0))
 
 
 def make_stream(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -115,14 +116,14 @@ def find_expected_onsets(stream: Stream, press: Press) -> list[float]:
     """
     row = int(np.searchsorted(stream.true_s, press.begin_s))
     row = min(row, len(stream.true_s) - 1)
-    first = int(np.argmax(np.isfinite(stream.stamps_s)))
+    first = stream.first_stamped_row
     onset_s = float(stream.stamps_s[first] + press.begin_s - stream.true_s[first])
     jumps_s = sum(jump.step_s for jump in stream.forward_jumps if jump.true_s <= press.end_s)
     return [onset_s, onset_s + jumps_s, float(stream.stamps_s[row])]
 
 
-def is_about(stream: Stream, press: Press, report: Report) -> bool:
-    """Return whether a reported touch is about a press, by their onsets.
+def find_reports_about(stream: Stream, press: Press, reports: Sequence[Report]) -> list[Report]:
+    """Find the reported touches that are about a press, by their onsets.
 
     Parameters
     ----------
@@ -130,14 +131,18 @@ def is_about(stream: Stream, press: Press, report: Report) -> bool:
         The stream, for the times that its logger wrote.
     press : Press
         The press.
-    report : Report
-        The reported touch.
+    reports : sequence of Report
+        Reported touches.
     """
-    if report.reported_s < press.begin_s:
-        return False
     limit_s = ONSET_FRACTION * press.duration_s + ONSET_S
-    onsets_s = np.array(find_expected_onsets(stream, press))
-    return bool((np.abs(report.summary.onset_s - onsets_s) < limit_s).any())
+    onsets_s = find_expected_onsets(stream, press)
+    near = []
+    for report in reports:
+        is_later = report.reported_s >= press.begin_s
+        onset_s = report.summary.onset_s
+        if is_later and any(abs(onset_s - expected_s) < limit_s for expected_s in onsets_s):
+            near.append(report)
+    return near
 
 
 class Errors(NamedTuple):
@@ -193,7 +198,7 @@ def judge(stream: Stream, outcome: Outcome, faults: tuple[Fault, ...]) -> Verdic
     verdict = Verdict()
     reports = list(outcome.reports)
     for press in stream.presses:
-        near = [report for report in reports if is_about(stream, press, report)]
+        near = find_reports_about(stream, press, reports)
         if not near:
             if stream.is_excused(press):
                 verdict.excused += 1

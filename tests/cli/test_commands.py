@@ -19,6 +19,7 @@ import xarray
 
 from pvdf_fem import Scene, __version__, calibrate, dataset, modes, respond, solve
 from pvdf_fem.cli.options import read_scene
+from pvdf_fem.scene.materials.catalogue import FILM_NAMES, LAYER_NAMES
 from pvdf_fem.scene.scene_file import read_examples, read_key_texts
 from pvdf_fem.solver.nonlinear.deferred_newton import NewtonOptions
 from tests.helpers.bump_response import make_bump_response
@@ -216,6 +217,7 @@ def test_keys_and_examples_are_printed_by_name(command):
     text = command("--help").out
     assert not {key.name for key in read_key_texts() if not re.search(rf"\b{key.name}\b", text)}
     assert Scene.parse(command("keys").out) == Scene()
+    assert {"[probe]", "[[electrodes]]"} <= set(command("keys", "ellipse").out.splitlines())
     text = command("keys", "ring_radius", "tension-field", "tilt").out
     assert re.findall(r"^#?(\w+) = ", text, re.M) == ["compression", "ring_radius_mm", "tilt"]
     assert re.findall(r"^\[.*\]$", text, re.M) == ["[film]", "[electrodes]", "[load]"]
@@ -226,6 +228,38 @@ def test_keys_and_examples_are_printed_by_name(command):
     assert (run.code, "solve" in run.err) == (2, True)
     for words in (["--force", "2"], ["--force=2"]):
         assert "--set load.force_N=2" in command("solve", "scene.toml", *words).err
+
+
+def test_materials_are_printed_as_table_json_scene_and_patch(command):
+    names = set(FILM_NAMES) | set(LAYER_NAMES)
+    lines = command("materials").out.splitlines()
+    assert names <= {line.split()[0] for line in lines if line}
+    table = command("materials", "--json").json
+    assert {one["name"] for kind in ("films", "layers") for one in table[kind]} == names
+    for name in names:
+        one = command("materials", name, "--json").json
+        text = command("materials", name).out
+        sources = {
+            source["citation"] for p in one["properties"].values() for source in p["sources"]
+        }
+        assert not [citation for citation in sources if citation not in text]
+        assert Scene.parse(command("materials", name, "--patch").out).film.patches
+    assert Scene.parse(command("materials", "pet", "--scene").out).film.material == "pet"
+
+
+@pytest.mark.parametrize(
+    ("words", "key"),
+    [
+        (["pat"], "name"),
+        (["silver-ink", "--scene"], "silver-ink"),
+        (["--scene"], "--scene"),
+        (["--patch"], "--patch"),
+    ],
+)
+def test_wrong_names_of_materials_are_refused(command, words, key):
+    run = command("materials", *words)
+    assert (run.code, run.out) == (2, "")
+    assert run.err.startswith(key)
 
 
 HEAVY = "numpy scipy pydantic skfem gmsh meshio matplotlib"

@@ -141,7 +141,7 @@ def test_outputs_that_cannot_be_written_are_errors_before_any_work(
 
 PARSERS = make_command_parsers()
 #: Commands that only print texts.
-WITHOUT_WORK = ("example", "keys")
+WITHOUT_WORK = ("example", "keys", "materials", "draw")
 #: Examples that end without work, with their exit codes: there is no response yet to be listed.
 EXIT_CODES = {"solve scene.toml --plan": 0, "model sensor.toml --list": 3}
 #: Files that examples name, besides those of the folder and of the package.

@@ -53,6 +53,9 @@ FILMS: tuple[Changes, ...] = (
     {"film.patches": [{**PATCH, "x_mm": 9.0, "y_mm": 14.0, "side_mm": 8.0}]},
     {"film.pressure_Pa": 150.0, "film.gravity_m_s2": -40.0},
     {"film.pressure_Pa": -80.0, "film.pressure_follows": True},
+    {"film.backing_N_m3": 3e4},
+    {"film.backing_N_m3": 5e4, "film.backing_one_sided": True},
+    {"film.patches": [{"x_mm": -9.0, "y_mm": 4.0, "side_mm": 12.0, "backing_N_m3": 2e5}]},
     {"film.coupling": True, "readout": {"kind": "voltage"}},
     {"film.coupling": "auto", "readout": {"kind": "voltage"}, "film.d31_pC_N": 23.0},
 )

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from pvdf_fem.scene.changes import to_plain_value
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.load import Load, LoadOverrides
+from pvdf_fem.scene.placed.patch import Patch
 from pvdf_fem.scene.scene import Numerics
 from pvdf_fem.scene.scene_file import format_toml
 from pvdf_fem.scene.validation.table_forms import TABLES as SCENE_TABLES
@@ -42,12 +43,18 @@ def table_of(form: TableForm, *names: str) -> Tables:
     """The smallest table with some keys: they, what they need, and what is required."""
     fields = form.fields
     required = [name for name in fields if fields[name].is_required() or name == "shape"]
-    table = {}
-    for name in (*names, *required):
-        table[name] = example(form, name)
+    if form.table is Patch:
+        required.append("thickness_um")  # a patch is a layer or a backing
+    table: Tables = {}
+
+    def add(name: str, value: Any) -> None:
+        table[name] = value
         key, needed = form.key_of(name).needs or ("", None)
         if key in fields:
-            table[key] = needed or example(form, key)
+            add(key, needed or example(form, key))
+
+    for name in (*names, *required):
+        add(name, example(form, name))
     return table
 
 

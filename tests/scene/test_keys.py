@@ -103,7 +103,8 @@ OTHERS |= dict.fromkeys(["dead", "rigid", "contact"], "follower")
 OTHERS["before stretching"] = "at rest"
 #: Values that need something, where the default needs nothing.
 NEEDY = {"tilt": "free", "profile": "hertz", "centre": True, "pressure_follows": True}
-NEEDY["cable_capacitance_pF"] = 30.0
+NEEDY |= {"cable_capacitance_pF": 30.0, "both_sides": True, "backing_one_sided": True}
+NEEDY["bonded"] = "before stretching"
 
 
 @each_table

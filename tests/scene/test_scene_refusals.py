@@ -13,7 +13,7 @@ import re
 import numpy as np
 import pytest
 
-from pvdf_fem import build_response, gradients, respond
+from pvdf_fem import build_response, gradients, modes, respond
 from pvdf_fem.batch.plan import plan_solves
 from pvdf_fem.scene.scene import Scene, SceneError
 from pvdf_fem.surrogate.response_key import make_mechanical_key
@@ -173,7 +173,12 @@ EFFECTS = {
     "weight": {"film.gravity_m_s2": 5.0},
     "warm": {"probe.temperature_K": 10.0},
     "tip": {"probe.shape": "sphere", "load.kind": "contact"},
+    "backing": {"film.backing_N_m3": 1e5},
+    "backed part": {"film.patches": [{"x_mm": 0.0, "y_mm": 0.0, "backing_N_m3": 1e5}]},
 }
+LIFTED = {"film.backing_N_m3": 1e5, "film.backing_one_sided": True}
+#: Films that only touch a one-sided backing.
+UNPRESSED = {"lifted": LIFTED, "unloaded backing": {**LIFTED, "load.force_N": 0.0}}
 TAPES, PLATES = ["tape", "stretched tape"], ["bends", "may bend"]
 #: Keys that are refused where one of some effects meets one of others.
 UNLIKE = [
@@ -184,6 +189,7 @@ UNLIKE = [
     ("film.d33_pC_N", ["d33"], TAPES),
     ("numerics.observable", ["edges"], ["coupled", "rim", "warm"]),
     ("load.kind", ["pressure", "weight", "warm"], ["tip"]),
+    ("probe.temperature_K", ["warm"], ["backing", "backed part"]),
 ]
 REFUSED = {frozenset([a, b]): key for key, ones, others in UNLIKE for a in ones for b in others}
 
@@ -203,6 +209,9 @@ def test_two_effects_are_combined_or_refused_by_key(one, other):
         (build_response, "tape", "film: patches"),
         (build_response, "warm", "probe.temperature_K"),
         (lambda scene: plan_solves([scene]), "warm", "probe.temperature_K"),
+        (build_response, "backed part", "film: patches"),
+        (modes, "lifted", "film.backing_one_sided = true"),
+        (lambda scene: respond(scene, 20.0), "unloaded backing", "film.backing_one_sided = true"),
         (build_response, "pressure", "film.pressure_Pa"),
         (build_response, "weight", "film.gravity_m_s2"),
         (make_mechanical_key, "coupled", "film.coupling"),
@@ -214,7 +223,7 @@ def test_two_effects_are_combined_or_refused_by_key(one, other):
 )
 def test_functions_refuse_films_that_they_do_not_support(refuses, effect, key):
     with pytest.raises(ValueError, match=re.escape(key)):
-        refuses(Scene.example("triangle").with_(EFFECTS[effect]))
+        refuses(Scene.example("triangle").with_((EFFECTS | UNPRESSED)[effect]))
 
 
 def test_all_errors_of_a_file_are_reported_at_once():

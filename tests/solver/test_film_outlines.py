@@ -139,9 +139,30 @@ def test_every_shape_has_balanced_forces(shape, bends):
     assert abs(solution.force_balance) < 1e-3
 
 
-def test_a_response_of_another_shape_is_refused_by_key():
-    with pytest.raises((SceneError, ValueError), match=r"film\.shape"):
-        build_response(make_scene("square"))
+@pytest.mark.parametrize("place", [0.0, 100.0])
+def test_a_response_of_another_shape_is_refused_by_key(place):
+    # (0, 0), where a response has the probe, may be outside of the film
+    vertices = np.array([[-40.0, -30.0], [40.0, -30.0], [0.0, 40.0]]) + place
+    film = {"shape": "polygon", "vertices_mm": vertices.tolist()}
+    disc = {"shape": "circle", "radius_mm": 2.0, "x_mm": place, "y_mm": place}
+    electrodes = [{"name": "A", "x_mm": place - 5.0, "y_mm": place}]
+    scene = Scene(film=film, probe=disc, electrodes=electrodes)
+    with pytest.raises((SceneError, ValueError), match=r"^film\.shape .* requires a disc"):
+        build_response(scene)
+
+
+def test_charges_near_a_reentrant_corner_are_within_the_tolerance():
+    film = {"shape": "polygon", "vertices_mm": FILMS["polygon"]["vertices_mm"]}
+    film["temperature_change_K"] = -10.0
+    # electrode and probe are on both sides of the corner at (20, 15) mm
+    electrodes = [{"name": "A", "x_mm": 15.0, "y_mm": 22.0}]
+    probe = {"shape": "circle", "radius_mm": 2.0, "x_mm": 26.0, "y_mm": 8.0}
+    scene = Scene(film=film, electrodes=electrodes, probe=probe, load={"force_N": 0.3})
+    solution = solve(scene)
+    exact = get_charges(scene.with_(numerics={"tolerance": 2e-5}))["A"]
+    error = abs(solution.charges_pC["A"] - exact)
+    assert error < 1e-3 * abs(solution.charges_pC["A"])
+    assert error < 3.0 * solution.charge_errors_pC["A"]
 
 
 @pytest.mark.parametrize("shape", FILMS)

@@ -10,6 +10,10 @@ an electrode's charge that is due to the load. Bending changes this part
 - at the probe by about l/b if it is rigid, as if its radius b were increased by l, and by (l/b)^2
   if it is a pressure, which spreads by l; by less for an electrode far from the probe.
 
+On a backing of the stiffness k the slope beside the probe decays within sqrt(N/k), which takes the
+place of b if it is shorter. The backing bears a part of the force, which is subtracted from the
+force that stretches the film (`pvdf_fem.film.point_load`).
+
 The factors are fitted to changes measured in random scenes. The estimate is at least a third of
 every measured change, and more than twice the change in half the scenes
 (`tests/film/test_neglected_effects.py`).
@@ -21,10 +25,15 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from pvdf_fem.film.backing import find_largest_stiffness
 from pvdf_fem.film.effects import format_two_digits
 from pvdf_fem.film.loads.contact_estimate import estimate_pressed_area
 from pvdf_fem.film.loads.load_classes import PROBE_LOADS
-from pvdf_fem.film.point_load import estimate_load_fraction, estimate_tension
+from pvdf_fem.film.point_load import (
+    estimate_backed_tension,
+    estimate_load_fraction,
+    estimate_tension,
+)
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.placed.patch import Layer
@@ -127,11 +136,15 @@ def _estimate_probe_effect(scene: Scene, probe: LoadedProbe | None) -> BendingEf
     D = film.thickness**3 / 12.0 * float(film.stiffness[:2, :2].max())
     unloaded_tension = film.thickness * float(film.prestress[:2].mean())
     probe_radius = _compute_equivalent_radius(press.outline) if press.outline else film.radius
-    rim_tension = estimate_tension(film, press.force, film.radius)
-    probe_tension = estimate_tension(film, press.force, probe_radius)
+    backing = find_largest_stiffness(film)
+    rim_tension = estimate_backed_tension(film, press.force, film.radius, backing)
+    probe_tension = estimate_backed_tension(film, press.force, probe_radius, backing)
     rim_length = _compute_bending_length(D, rim_tension)
     probe_length = _compute_bending_length(D, probe_tension)
-    rim_change, probe_change = _estimate_edge_changes(scene, press, rim_length, probe_length)
+    decay_length = math.sqrt(probe_tension / backing) if backing else math.inf
+    rim_change, probe_change = _estimate_edge_changes(
+        scene, press, rim_length, probe_length=probe_length, decay_length=decay_length
+    )
     one_sided = (layer for layer in film.layers.values() if not layer.patch.both_sides)
     patch_changes = [_estimate_layer_change(scene, layer, press) for layer in one_sided]
     return BendingEffect(
@@ -167,7 +180,11 @@ def _compute_bending_length(D: float, tension: float) -> float:
 
 
 def _estimate_edge_changes(
-    scene: Scene, press: _PressingLoad, rim_length: float, probe_length: float
+    scene: Scene,
+    press: _PressingLoad,
+    rim_length: float,
+    probe_length: float,
+    decay_length: float,
 ) -> tuple[float, float]:
     """Estimate the relative changes of a charge due to bending at the rim and at the probe.
 
@@ -182,6 +199,9 @@ def _estimate_edge_changes(
         The load on the film.
     rim_length, probe_length : float
         Bending lengths at the rim and at the probe's edge in m.
+    decay_length : float
+        Length in m within which the slope beside the probe decays on a backing; infinite without
+        one.
 
     Returns
     -------
@@ -197,6 +217,8 @@ def _estimate_edge_changes(
     rim_distance = -press.outline.compute_excess(film.outline)
     gap = max(rim_distance / a, FIT.min_gap * b / a)
     power = 1 if press.is_rigid else 2
+    shortest = min(b, decay_length)
+    relative_length = probe_length / shortest if shortest > 0.0 else math.inf
     distances = []
     for electrode in scene.electrode_list:
         between = math.dist(electrode.outline.centroid, press.outline.centroid)
@@ -207,7 +229,9 @@ def _estimate_edge_changes(
     for r in distances:
         rim_factor = FIT.rim_near_probe + FIT.rim_far_from_probe * (r / a) ** 2
         at_rim = rim_factor * rim_length / a / math.sqrt(gap)
-        at_probe = FIT.probe * (probe_length / b) ** power * math.sqrt(b / r)
+        at_probe = FIT.probe * relative_length**power * math.sqrt(b / r)
+        if math.isinf(at_rim + at_probe):  # no tension at all
+            return 0.5, 0.5
         load_fraction = estimate_load_fraction(film, press.force, r) / (1.0 + at_rim + at_probe)
         worst = max(worst, (load_fraction * at_rim, load_fraction * at_probe), key=sum)
     return worst

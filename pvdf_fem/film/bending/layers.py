@@ -23,6 +23,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.film.backing import find_largest_stiffness
 from pvdf_fem.film.bending.plate import Plate
 from pvdf_fem.film.bending.plate_form import compute_plate_stiffness
 from pvdf_fem.film.membrane import compute_principal_values
@@ -88,7 +89,8 @@ class BendingLayers:
 
     plate: Plate  #: Plate term of the equations.
     expansion: sp.csr_matrix  #: Maps unknowns to dofs, shape (dofs, unknowns).
-    #: Bending length sqrt(D/N) in m for the largest tension N in each element, shape (elements,).
+    #: Bending length sqrt(D/N) in m for the largest tension N in each element, but at most
+    #: (D/k)^(1/4) on a backing of the stiffness k; shape (elements,).
     lengths: Array
     widths: Array  #: Element sizes in bending lengths, shape (elements,).
     #: Generalized bending forces, such as moments times quadrature weights, that are conjugate to
@@ -112,7 +114,11 @@ class BendingLayers:
         D = compute_plate_stiffness(film)
         _, largest = compute_principal_values(state.stress)
         tension = np.maximum(film.thickness * largest.max(axis=1), np.finfo(float).tiny)
-        lengths = np.sqrt(np.sqrt(D[0, 0] * D[1, 1]) / tension)
+        mean_D = np.sqrt(D[0, 0] * D[1, 1])
+        lengths = np.sqrt(mean_D / tension)
+        backing = find_largest_stiffness(film)
+        if backing:
+            lengths = np.minimum(lengths, (mean_D / backing) ** 0.25)
         return cls(
             plate=plate,
             expansion=expansion,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
@@ -50,6 +51,10 @@ def read_profile(profile: str, max_bytes: int = 20_000_000) -> ProfileFile:
         Path of the file, which may end with ``#sha256=`` and a digest.
     max_bytes : int
         Maximum size of the file.
+
+    Returns
+    -------
+    ProfileFile
 
     Raises
     ------
@@ -129,8 +134,8 @@ def _select_group(content: bytes) -> dict[str, xarray.Variable]:
     if matching:
         advice = f"write one to a file, as by: nccopy -G {matching[0]} OLD NEW"
         raise NetcdfError(f"has a pressure in the groups {', '.join(matching)}; {advice}")
-    names = [name for variables in groups.values() for name in variables]
-    listed = ", ".join(sorted(set(names))) or "nothing"
+    names = set(chain.from_iterable(groups.values()))
+    listed = ", ".join(sorted(names)) or "nothing"
     raise NetcdfError(f'has no variable "pressure" but {listed}; rename the one with the pressure')
 
 
@@ -232,7 +237,7 @@ def _read_csv(name: str, content: bytes) -> GridTable:
     if len(chosen) < len(columns):
         raise ValueError("x_mm, y_mm or pressure is missing from the columns")
     numbers = NumberColumns(table, chosen)
-    rows = [numbers.read(row) for batch in table.batches for row in batch]
+    rows = [numbers.read(row) for row in chain.from_iterable(table.batches)]
     x_mm, y_mm, pressure = np.array(rows).reshape(len(rows), len(chosen)).T
     return _arrange_points(x_mm, y_mm, pressure)
 

@@ -115,7 +115,21 @@ def _find_sides_along(points: Array, triangles: Indices, outline: Outline, slack
 
 
 def _find_straight_arcs(points: Array, sides: _Sides, outline: Outline) -> _Arcs:
-    """Find the sides along an outline that are straight where the outline is curved."""
+    """Find the sides along an outline that are straight where the outline is curved.
+
+    Parameters
+    ----------
+    points : ndarray, shape (nodes, 2)
+        All nodes in m.
+    sides : _Sides
+        Sides along the outline.
+    outline : Outline
+        A curved outline.
+
+    Returns
+    -------
+    _Arcs
+    """
     start = points[sides.ends[:, 0]]
     end = points[sides.ends[:, 1]]
     with np.errstate(divide="ignore", invalid="ignore"):  # a diameter has no arc of its own

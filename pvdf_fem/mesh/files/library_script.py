@@ -41,7 +41,17 @@ class Grid(NamedTuple):
 
 
 def read_by_gmsh(path: str) -> Grid:
-    """Read a mesh file with gmsh."""
+    """Read a mesh file with gmsh.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+
+    Returns
+    -------
+    Grid
+    """
     import gmsh
 
     gmsh.initialize(readConfigFiles=False, interruptible=False)
@@ -64,7 +74,17 @@ def read_by_gmsh(path: str) -> Grid:
 
 
 def read_by_meshio(path: str) -> Grid:
-    """Read a mesh file with meshio."""
+    """Read a mesh file with meshio.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+
+    Returns
+    -------
+    Grid
+    """
     import meshio
 
     mesh = meshio.read(path)
@@ -78,7 +98,17 @@ def read_by_meshio(path: str) -> Grid:
 
 
 def read_by_vtk(path: str) -> Grid:
-    """Read a legacy or XML file of VTK with VTK."""
+    """Read a legacy or XML file of VTK with VTK.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+
+    Returns
+    -------
+    Grid
+    """
     from vtkmodules.vtkCommonCore import vtkObject
     from vtkmodules.vtkCommonDataModel import vtkCellTypes
     from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
@@ -116,7 +146,15 @@ READERS: dict[str, Callable[[str], Grid]] = {
 
 
 def save_grid(grid: Grid, result: str) -> None:
-    """Save nodes, triangles and the numbers of other elements to a file in NumPy's format."""
+    """Save nodes, triangles and the numbers of other elements to a file in NumPy's format.
+
+    Parameters
+    ----------
+    grid : Grid
+        The nodes and elements.
+    result : str
+        File to write.
+    """
     arrays: dict[str, list[NDArray[Any]]] = {"triangles": [], "triangles6": []}
     others: dict[str, int] = {}
     names = {3: "triangles", 6: "triangles6"}

@@ -79,7 +79,22 @@ def find_triangles_inside(
 def find_elements_inside(
     mesh: MeshTri2, outlines: dict[str, Outline], slack: float
 ) -> dict[str, Indices]:
-    """Find the elements inside each outline, by the name of the outline."""
+    """Find the elements inside each outline.
+
+    Parameters
+    ----------
+    mesh : MeshTri2
+        With coordinates in m about the film's centre.
+    outlines : dict of str to Outline
+        The outlines by name.
+    slack : float
+        See `find_triangles_inside`.
+
+    Returns
+    -------
+    dict of str to ndarray of int
+        Indices of the elements, by the name of the outline.
+    """
     centroids = mesh.mapping().F(np.full((2, 1), 1.0 / 3.0))[:, :, 0].T
     vertices = mesh.p.T[mesh.t.T]
     elements = {}

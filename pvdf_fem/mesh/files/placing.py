@@ -9,6 +9,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.mesh.files.content import MeshFileError
 from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.outlines.circle_fit import fit_circle
 
 #: Units of mesh files in m.
 UNITS_M = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "µm": 1e-6, "in": 25.4e-3}
@@ -29,7 +30,18 @@ class Placement(NamedTuple):
     notes: tuple[str, ...]  #: What is unusual.
 
     def apply(self, points: Array) -> Array:
-        """Return points of the file in m about the film's centre, shape (nodes, 2)."""
+        """Convert points of the file to the coordinates of the scene.
+
+        Parameters
+        ----------
+        points : ndarray, shape (nodes, 2)
+            Points in the unit of the file.
+
+        Returns
+        -------
+        ndarray, shape (nodes, 2)
+            In m about the film's centre.
+        """
         return self.unit_m * (points - self.centre)
 
 
@@ -91,12 +103,26 @@ def _find_box_placement(border: Array, film: Film) -> Placement:
 
 
 def _find_disc_placement(border: Array, radius_m: float, slack: float) -> Placement:
-    """Find the unit and the centre of a disc with a radius in m; see `find_placement`."""
+    """Find the unit and the centre of a disc.
+
+    Parameters
+    ----------
+    border : ndarray, shape (n, 2)
+        Nodes on the boundary of the mesh, in an unknown unit.
+    radius_m : float
+        Radius of the film in m.
+    slack : float
+        Maximum relative difference of the radii.
+
+    Returns
+    -------
+    Placement
+    """
     reach = float(np.hypot(border[:, 0], border[:, 1]).max())
     unit = _find_unit(reach, radius_m, slack=slack)
     if unit is not None:
         return Placement(UNITS_M[unit], np.zeros(2), _describe_unit(unit))
-    centre = _fit_centre(border)
+    centre = fit_circle(border).centre
     radii = np.linalg.norm(border - centre, axis=1)
     largest = float(radii.max())
     unit = _find_unit(largest, radius_m, slack=slack)
@@ -114,7 +140,22 @@ def _find_disc_placement(border: Array, radius_m: float, slack: float) -> Placem
 
 
 def _find_unit(reach: float, radius_m: float, slack: float) -> str | None:
-    """Return the name of the unit in which a length is the radius, or None if there is none."""
+    """Find the unit in which a length is the radius of the film.
+
+    Parameters
+    ----------
+    reach : float
+        The length in the unit of the file.
+    radius_m : float
+        The radius in m.
+    slack : float
+        Maximum relative difference.
+
+    Returns
+    -------
+    str or None
+        A key of `UNITS_M`; None if the length is not the radius in any of them.
+    """
     for name, unit in UNITS_M.items():
         if abs(reach * unit / radius_m - 1.0) <= slack:
             return name
@@ -122,25 +163,10 @@ def _find_unit(reach: float, radius_m: float, slack: float) -> str | None:
 
 
 def _describe_unit(name: str) -> tuple[str, ...]:
-    """Return a note on an unusual unit."""
+    """Return a note on a unit, or nothing if it is a usual one."""
     return () if name in _USUAL_UNITS else (f"its unit was found to be {name}",)
 
 
 def _format(coordinate: float, reach: float) -> str:
     """Format a coordinate of the centre, without round-off, for messages."""
     return f"{round(coordinate / reach, 9) * reach + 0.0:.6g}"
-
-
-def _fit_centre(border: Array) -> Array:
-    """Fit the centre of a circle to points by linear least squares, shape (2,).
-
-    Notes
-    -----
-    The unknowns of |x|² = 2 c·x + d are the centre c and d = r² - |c|² (Kåsa 1976).
-    """
-    middle = border.mean(axis=0)
-    size = np.abs(border - middle).max()
-    offsets = (border - middle) / size
-    system = np.column_stack([2.0 * offsets, np.ones(len(offsets))])
-    solution, *_ = np.linalg.lstsq(system, np.square(offsets).sum(axis=1))
-    return middle + size * solution[:2]

@@ -15,7 +15,17 @@ class MeshReader(Protocol):
     """A reader of one mesh file format."""
 
     def read(self, path: Path) -> MeshContent:
-        """Return the content of a file, or raise `MeshFileError` with what to change."""
+        """Read a mesh file; raise `MeshFileError`, which says what to change, if it is unusable.
+
+        Parameters
+        ----------
+        path : Path
+            The file.
+
+        Returns
+        -------
+        MeshContent
+        """
         ...
 
 

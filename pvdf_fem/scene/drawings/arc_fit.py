@@ -15,6 +15,9 @@ from pvdf_fem.scene.outlines.arc_polygon import STRAIGHT_BULGE
 MAX_HALVINGS = 12
 #: Points at which the distance between a curve and its arcs is measured, per pair of arcs.
 CHECKS = 17
+#: Fraction of the tolerance up to which these distances may come; between the points they may be
+#: larger.
+SHARE_OF_TOLERANCE = 0.8
 
 
 def fit_arcs(curve: Curve, tolerance: float) -> list[Side]:
@@ -49,14 +52,30 @@ def fit_arcs(curve: Curve, tolerance: float) -> list[Side]:
 def _fit_part(
     curve: Curve, first: float, last: float, tolerance: float, halvings: int
 ) -> list[Side]:
-    """Approximate the part of a curve between two parameters; see `fit_arcs`."""
+    """Approximate the part of a curve between two parameters.
+
+    Parameters
+    ----------
+    curve : Curve
+        The curve.
+    first, last : float
+        Parameters of the ends of the part, between which the curve is smooth.
+    tolerance : float
+        See `fit_arcs`.
+    halvings : int
+        Maximum number of times that the part is halved.
+
+    Returns
+    -------
+    list of Side
+    """
     parameters = np.linspace(first, last, CHECKS)
     points = curve.compute_points(parameters)
     # tangents a little inside, since they jump at the knots of a spline with kinks
     inset = 1e-9 * (last - first)
     tangents = curve.compute_tangents(np.array([first + inset, last - inset]))
     sides = _make_biarc(points[0], points[-1], tangents)
-    if halvings == 0 or _compute_deviation(sides, points) <= 0.8 * tolerance:
+    if halvings == 0 or _compute_deviation(sides, points) <= SHARE_OF_TOLERANCE * tolerance:
         return sides
     middle = 0.5 * (first + last)
     return [
@@ -78,7 +97,8 @@ def _make_biarc(start: Array, end: Array, tangents: Array) -> list[Side]:
     Returns
     -------
     list of Side
-        Two arcs, or one straight side if the tangents lie along it or allow no biarc.
+        Two arcs, or one straight side if the tangents lie along it or allow no biarc. Empty if both
+        points are equal.
 
     Notes
     -----
@@ -112,7 +132,21 @@ def _compute_bulge(before: Array, after: Array) -> float:
 
 
 def _compute_deviation(sides: list[Side], points: Array) -> float:
-    """Compute the maximum distance of points of a curve from the sides that approximate it."""
+    """Compute the maximum distance of points of a curve from the sides that approximate it.
+
+    Parameters
+    ----------
+    sides : list of Side
+        The sides; none if the curve ends where it begins.
+    points : ndarray, shape (n, 2)
+        Points along the curve.
+
+    Returns
+    -------
+    float
+    """
+    if not sides:
+        return float(np.linalg.norm(points - points[0], axis=1).max())
     distances = np.full(len(points), np.inf)
     for side in sides:
         if abs(side.bulge) >= STRAIGHT_BULGE:
@@ -122,4 +156,4 @@ def _compute_deviation(sides: list[Side], points: Array) -> float:
             along = np.clip((points - side.first) @ chord / (chord @ chord), 0.0, 1.0)
             found = np.linalg.norm(points - side.first - along[:, None] * chord, axis=1)
         distances = np.minimum(distances, found)
-    return float(distances.max()) if sides else 0.0
+    return float(distances.max())

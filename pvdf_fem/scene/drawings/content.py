@@ -16,6 +16,10 @@ if TYPE_CHECKING:  # most scenes have no drawing
 
 #: Maximum number of entities that are read; arrays of blocks and clones can have billions.
 MAX_ENTITIES = 100_000
+#: Maximum size of a drawing in bytes.
+MAX_BYTES = 100_000_000
+#: Maximum number of blocks or clones within each other; more come from one that contains itself.
+MAX_DEPTH = 16
 #: Layer of SVG shapes that are in no group with a name.
 NO_LAYER = "(none)"
 
@@ -81,7 +85,20 @@ class DrawingContent:
             raise DrawingError(f"{reason}; save the electrodes' layer as a drawing of its own")
 
     def add(self, path: DrawnPath, is_selected: bool) -> None:
-        """Add a path; if it is not on the selected layer, only its layer is counted."""
+        """Add a path, and count it on its layer.
+
+        Parameters
+        ----------
+        path : DrawnPath
+            The path; one without curves is left out.
+        is_selected : bool
+            Whether it is on the layer that is read; if not, it is only counted.
+
+        Raises
+        ------
+        DrawingError
+            If a coordinate is not finite.
+        """
         if not path.curves:
             return
         self.layers[path.layer] += 1

@@ -54,7 +54,7 @@ class Contour:
         return f"{labels} on layer {self.layer} at ({x:.4g}, {y:.4g}) mm"
 
 
-class _Reversed(NamedTuple):
+class _DirectedPath(NamedTuple):
     """A path with its direction in a contour."""
 
     path: DrawnPath
@@ -85,16 +85,17 @@ def join_paths(paths: Iterable[DrawnPath], tolerance: float) -> list[Contour]:
     open_paths: dict[str, list[tuple[int, DrawnPath]]] = {}
     for order, path in enumerate(paths):
         gap = float(np.hypot(*(path.curves[0].start - path.curves[-1].end)))
-        length = float(np.ptp(np.concatenate([c.samples for c in path.curves]), axis=0).max())
-        if path.is_closed or (gap <= tolerance < length and len(path.curves) > 1):
-            curves = _close(path.curves, tolerance)
-            labels = (path.label,)
+        samples = np.concatenate([curve.samples for curve in path.curves])
+        length = float(np.ptp(samples, axis=0).max())
+        if path.is_closed or gap <= tolerance < length:
             contour = Contour(
-                curves, labels, layer=path.layer, title=path.title, identifier=path.identifier
+                _close(path.curves, tolerance),
+                (path.label,),
+                layer=path.layer,
+                title=path.title,
+                identifier=path.identifier,
             )
             found.append((order, contour))
-        elif gap <= tolerance < length:
-            found.append((order, Contour(path.curves, (path.label,), layer=path.layer)))
         elif length > tolerance:
             open_paths.setdefault(path.layer, []).append((order, path))
     for layer, listed in open_paths.items():
@@ -115,7 +116,22 @@ def _close(curves: list[Curve], tolerance: float) -> list[Curve]:
 def _join_open_paths(
     listed: list[tuple[int, DrawnPath]], layer: str, tolerance: float
 ) -> list[tuple[int, Contour]]:
-    """Join the open paths of one layer to contours, each with the order of its first path."""
+    """Join the open paths of one layer to contours.
+
+    Parameters
+    ----------
+    listed : list of tuple
+        The paths, each with its order among all paths.
+    layer : str
+        Their layer, for messages.
+    tolerance : float
+        Maximum distance of two ends that meet, in mm.
+
+    Returns
+    -------
+    list of tuple
+        The contours, each with the order of its first path.
+    """
     paths = [path for _, path in listed]
     ends = np.array([[path.curves[0].start, path.curves[-1].end] for path in paths])
     groups = _group_ends(ends.reshape(-1, 2), tolerance).reshape(-1, 2)
@@ -130,12 +146,12 @@ def _join_open_paths(
     for start in range(len(paths)):
         if is_used[start]:
             continue
-        chain: list[_Reversed] = []
+        chain: list[_DirectedPath] = []
         row = start
         entry = 0
         while not is_used[row]:
             is_used[row] = True
-            chain.append(_Reversed(paths[row], is_reversed=entry == 1))
+            chain.append(_DirectedPath(paths[row], is_reversed=entry == 1))
             leaving = 1 - entry
             first, second = members[int(groups[row, leaving])]
             row, entry = second if first == (row, leaving) else first
@@ -144,7 +160,20 @@ def _join_open_paths(
 
 
 def _group_ends(points: Array, tolerance: float) -> Indices:
-    """Return the number of the group of ends that meet to which each end belongs, shape (n,)."""
+    """Group ends that meet.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 2)
+        The ends.
+    tolerance : float
+        Maximum distance of two ends that meet.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        Number of the group of each end.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -157,7 +186,19 @@ def _group_ends(points: Array, tolerance: float) -> Indices:
 
 
 def _require_pairs(paths: list[DrawnPath], ends: Array, groups: Indices, layer: str) -> None:
-    """Refuse ends of paths that meet no other end, or more than one."""
+    """Refuse ends of paths that meet no other end, or more than one.
+
+    Parameters
+    ----------
+    paths : list of DrawnPath
+        The paths.
+    ends : ndarray, shape (paths, 2, 2)
+        First and last point of each path in mm.
+    groups : ndarray of int, shape (paths, 2)
+        Number of the group of each end, from `_group_ends`.
+    layer : str
+        Their layer, for messages.
+    """
     flat = groups.ravel()
     counts = np.bincount(flat)
     points = ends.reshape(-1, 2)
@@ -168,7 +209,9 @@ def _require_pairs(paths: list[DrawnPath], ends: Array, groups: Indices, layer: 
         others = points[free[1:]] if free.size > 1 else points[[]]
         distances = np.linalg.norm(others - points[first], axis=1)
         label = paths[first // 2].label
-        reason = f"{label} on layer {layer} is open: its end at ({x:.6g}, {y:.6g}) mm meets none"
+        reason = (
+            f"{label} on layer {layer} is open: its end at ({x:.6g}, {y:.6g}) mm meets no other"
+        )
         if len(distances):
             gap_um = 1e3 * distances.min()
             near_x, near_y = others[distances.argmin()]
@@ -199,11 +242,14 @@ def _round_up(value: float) -> float:
     return float(10.0 * power)
 
 
-def _make_contour(chain: list[_Reversed], layer: str) -> Contour:
+def _make_contour(chain: list[_DirectedPath], layer: str) -> Contour:
     """Make a contour of paths in order, of which some are passed from the end to the start."""
     curves: list[Curve] = []
     for path, is_reversed in chain:
-        curves += [ReversedCurve(c) for c in path.curves[::-1]] if is_reversed else path.curves
+        if is_reversed:
+            curves += [ReversedCurve(curve) for curve in path.curves[::-1]]
+        else:
+            curves += path.curves
     labels = tuple(dict.fromkeys(path.label for path, _ in chain))
     titles = {path.title for path, _ in chain}
     identifiers = {path.identifier for path, _ in chain}

@@ -11,7 +11,7 @@ from pvdf_fem.scene.shapes.shape import COORDINATE
 
 
 class Drawing(Section):
-    """Electrodes that are read from a DXF or SVG file, each closed outline is one.
+    """Electrodes that are read from a DXF or SVG file; each closed outline is one.
 
     The scene then has a list of electrodes, and no longer needs the drawing. They are sorted
     counter-clockwise from +x about the film's centre, and one at the centre is the last. Texts

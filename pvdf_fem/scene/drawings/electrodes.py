@@ -23,10 +23,11 @@ from pvdf_fem.scene.drawings.drawing import Drawing
 from pvdf_fem.scene.drawings.names import name_contours
 from pvdf_fem.scene.drawings.recognition import recognize_shape
 from pvdf_fem.scene.drawings.units import UNITS_MM
-from pvdf_fem.scene.film import Film
-from pvdf_fem.scene.outlines.outline import LENGTH_TOLERANCE, Outline, has_overlap, rotate
+from pvdf_fem.scene.outlines.outline import Outline, has_overlap, is_within, rotate
 from pvdf_fem.scene.placed.placed_shape import PlacedShape
+from pvdf_fem.scene.shapes.shape import Shape
 from pvdf_fem.scene.validation.errors import describe_errors
+from pvdf_fem.scene.validation.placement import describe_excess
 
 #: Maximum number of electrodes of a scene.
 MAX_ELECTRODES = 100
@@ -34,15 +35,16 @@ MAX_ELECTRODES = 100
 UNIT_TOLERANCE = 1e-3
 
 
-def read_electrodes(drawing: Drawing, radius_mm: object) -> list[dict[str, Any]]:
+def read_electrodes(drawing: Drawing, film_shape: Shape | None) -> list[dict[str, Any]]:
     """Read the electrodes of a drawing.
 
     Parameters
     ----------
     drawing : Drawing
         Path and keys of the drawing.
-    radius_mm : object
-        Radius of the film, which no outline must exceed; anything else than a number is ignored.
+    film_shape : Shape or None
+        Shape of the film, which no outline must exceed. With None, outlines are not compared with
+        the rim.
 
     Returns
     -------
@@ -70,11 +72,12 @@ def read_electrodes(drawing: Drawing, radius_mm: object) -> list[dict[str, Any]]
     contours = [contours[number] for number in order]
     outlines = [outlines[number] for number in order]
     _require_separate(contours, outlines, content)
-    try:
-        _require_inside_rim(contours, outlines, radius_mm, scale_mm)
-    except DrawingError as error:
-        advice = _advise_on_origin(outlines, radius_mm, drawing, up)
-        raise DrawingError(f"{error}; {advice}") from None
+    if film_shape is not None:
+        try:
+            _require_inside_rim(contours, outlines, film_shape, scale_mm)
+        except DrawingError as error:
+            advice = _advise_on_origin(outlines, film_shape, drawing, up)
+            raise DrawingError(f"{error}; {advice}") from None
     names = name_contours(contours, outlines, texts, drawing.names)
     return [{"name": names[row], **tables[number]} for row, number in enumerate(order)]
 
@@ -233,7 +236,9 @@ def _require_separate(
             is_within = polygons[0].contains(polygons[1])
             relation = "lies within" if is_within else "overlaps"
             reason = f"{contours[smaller].place} {relation} {contours[larger].place}"
-            advice = "remove one of them; an electrode has no holes"
+            advice = "move them apart, or remove one of them"
+            if is_within:
+                advice = "remove one of them; an electrode has no holes"
             if len(content.layers) > 1:
                 listed = _list_counts(content.layers)
                 advice = f"choose the electrodes' layer by electrodes.layer: {listed}"
@@ -241,41 +246,32 @@ def _require_separate(
 
 
 def _require_inside_rim(
-    contours: list[Contour], outlines: list[Outline], radius_mm: object, scale_mm: float
+    contours: list[Contour], outlines: list[Outline], film_shape: Shape, scale_mm: float
 ) -> None:
     """Refuse outlines beyond the rim; several of them may come from a wrong unit or origin."""
-    given = _get_radius_mm(radius_mm)
-    limit = 1e-3 * given * (1.0 + LENGTH_TOLERANCE)
-    beyond = [number for number, outline in enumerate(outlines) if outline.reach > limit]
+    rim = film_shape.outline
+    beyond = [number for number, outline in enumerate(outlines) if not is_within(outline, rim)]
     if not beyond:
         return
-    worst = max(beyond, key=lambda number: outlines[number].reach)
-    excess_mm = 1e3 * outlines[worst].reach - given
-    reason = f"{contours[worst].place} extends {excess_mm:.3g} mm beyond the rim at"
-    reason += f" film.radius_mm = {given:g}"
+    excesses = [outlines[number].compute_excess(rim) for number in beyond]
+    worst = beyond[int(np.argmax(excesses))]
+    reason = f"{contours[worst].place} {describe_excess(max(excesses), film_shape)}"
     if len(beyond) > 1:
         reason += f", as {len(beyond)} of {len(outlines)} outlines do (1 unit = {scale_mm:g} mm)"
     raise DrawingError(reason)
 
 
-def _get_radius_mm(radius_mm: object) -> float:
-    """Return the radius of the film: the default without one, infinity for an invalid one."""
-    if radius_mm is None:
-        return float(Film.model_fields["radius_mm"].default)
-    if isinstance(radius_mm, int | float) and not isinstance(radius_mm, bool) and radius_mm > 0.0:
-        return float(radius_mm)
-    return float("inf")
-
-
 def _advise_on_origin(
-    outlines: list[Outline], radius_mm: object, drawing: Drawing, up: float
+    outlines: list[Outline], film_shape: Shape, drawing: Drawing, up: float
 ) -> str:
-    """Advise to make the middle of all outlines the film's centre, if they fit then."""
+    """Advise to make the middle of all outlines the middle of the film, if they fit then."""
     bounds = np.array([outline.inscribed_polygon.bounds for outline in outlines])
     middle = 0.5 * (bounds[:, :2].min(axis=0) + bounds[:, 2:].max(axis=0))
-    moved = [outline.transform(np.eye(2), -middle) for outline in outlines]
-    if 1e3 * max(outline.reach for outline in moved) > _get_radius_mm(radius_mm):
-        return "correct the drawing, origin_mm, unit or the film's radius"
-    in_drawing = rotate(1e3 * middle, -drawing.rotation_deg) * [1.0, up] + drawing.origin_mm
+    rim = film_shape.outline
+    motion = 0.5 * np.sum(np.reshape(rim.inscribed_polygon.bounds, (2, 2)), axis=0) - middle
+    moved = [outline.transform(np.eye(2), motion) for outline in outlines]
+    if not all(is_within(outline, rim) for outline in moved):
+        return "correct the drawing, origin_mm, unit or the film's size"
+    in_drawing = rotate(-1e3 * motion, -drawing.rotation_deg) * [1.0, up] + drawing.origin_mm
     x, y = np.round(in_drawing, 3) + 0.0
     return f"the middle of all outlines is origin_mm = [{x:g}, {y:g}]: give it if they are centred"

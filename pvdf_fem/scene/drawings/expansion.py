@@ -10,7 +10,10 @@ from pydantic import ValidationError
 
 from pvdf_fem.scene.drawings.content import DrawingError
 from pvdf_fem.scene.drawings.drawing import Drawing
+from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.placed.placed_shape import SIZE_KEYS
 from pvdf_fem.scene.scene_file import format_error, parse_toml, read_scene_text
+from pvdf_fem.scene.shapes.shape import Shape
 from pvdf_fem.scene.validation.errors import describe_errors
 
 #: A place holder for the electrodes of a drawing with errors; nothing can overlap it.
@@ -81,9 +84,7 @@ def expand_drawing(tables: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]
         table = table.model_dump()
     if not (isinstance(table, Mapping) and "drawing" in table):
         return dict(tables), []
-    film = tables.get("film")
-    radius_mm = film.get("radius_mm") if isinstance(film, Mapping) else None
-    electrodes, errors = _read_table(table, radius_mm)
+    electrodes, errors = _read_table(table, _find_film_shape(tables.get("film", {})))
     expanded = {**tables, "electrodes": electrodes}
     if errors:
         expanded["electrodes"] = [_SMALL_ELECTRODE]
@@ -92,8 +93,21 @@ def expand_drawing(tables: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]
     return expanded, errors
 
 
+def _find_film_shape(film: object) -> Shape | None:
+    """Return the shape of a film whose table is not validated; None if the shape has errors."""
+    if isinstance(film, Film):
+        return film.geometry
+    if not isinstance(film, Mapping):
+        return None
+    keys = film.keys() & {"shape", *SIZE_KEYS}
+    try:
+        return Film.model_validate({key: film[key] for key in keys}).geometry
+    except ValidationError:  # the errors are reported with those of the other keys of the film
+        return None
+
+
 def _read_table(
-    table: Mapping[str, Any], radius_mm: object
+    table: Mapping[str, Any], film_shape: Shape | None
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Read the electrodes of a table with a drawing; return them, and errors as messages."""
     from pvdf_fem.scene.drawings.electrodes import read_electrodes  # only for these few scenes
@@ -103,7 +117,7 @@ def _read_table(
     except ValidationError as error:
         return [], list(describe_errors(error, "electrodes", Drawing))
     try:
-        return read_electrodes(drawing, radius_mm), []
+        return read_electrodes(drawing, film_shape), []
     except DrawingError as error:
         key = f"electrodes.{error.key}"
         value = drawing.drawing if error.key == "drawing" else error.value

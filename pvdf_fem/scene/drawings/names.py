@@ -34,8 +34,8 @@ def name_contours(
     texts : sequence of DrawnText
         Texts of the drawing in mm.
     source : str
-        ``text``, ``layer``, ``id``, ``letters``, or ``auto`` for the first of texts, titles and
-        layers that names an outline or tells all of them apart, and letters otherwise.
+        ``text``, ``title``, ``layer``, ``id``, ``letters``, or ``auto``: texts if an outline has
+        one, else titles, else layers if each outline has its own, else letters.
 
     Returns
     -------
@@ -70,7 +70,17 @@ def name_contours(
 
 
 def make_letters(count: int) -> list[str]:
-    """Make the names A, B, ..., Z, AA, AB, ..."""
+    """Make the names A, B, ..., Z, AA, AB, ..., ZZ.
+
+    Parameters
+    ----------
+    count : int
+        Number of names, at most 702.
+
+    Returns
+    -------
+    list of str
+    """
     names = list(ascii_uppercase)
     for first in ascii_uppercase:
         names += [first + second for second in ascii_uppercase]
@@ -85,7 +95,7 @@ def _find_text_names(outlines: Sequence[Outline], texts: Sequence[DrawnText]) ->
     for text in texts:
         if not text.text:
             continue
-        distances = 1e-3 * _compute_distances_mm(text.points, polygons)
+        distances = _compute_distances(text.points, polygons)
         nearest = int(distances.argmin())
         reach = TEXT_REACH * np.sqrt(outlines[nearest].area)
         is_second_inside = distances[nearest] == scores[nearest] == 0.0
@@ -100,14 +110,36 @@ def _find_text_names(outlines: Sequence[Outline], texts: Sequence[DrawnText]) ->
     return names
 
 
-def _compute_distances_mm(points_mm: Array, polygons: Sequence[shapely.Polygon]) -> Array:
-    """Return the distance in mm of the nearest of points to each polygon, 0 inside, shape (n,)."""
+def _compute_distances(points_mm: Array, polygons: Sequence[shapely.Polygon]) -> Array:
+    """Compute the distance in m of each polygon from the nearest point; 0 for one inside.
+
+    Parameters
+    ----------
+    points_mm : ndarray, shape (points, 2)
+        The points in mm.
+    polygons : sequence of shapely.Polygon
+        The polygons in m.
+
+    Returns
+    -------
+    ndarray, shape (polygons,)
+    """
     places = shapely.points(1e-3 * points_mm)
-    return np.array([1e3 * shapely.distance(polygon, places).min() for polygon in polygons])
+    return np.array([shapely.distance(polygon, places).min() for polygon in polygons])
 
 
 def _require_names(names: Sequence[str], contours: Sequence[Contour], source: str) -> None:
-    """Refuse outlines without a name, and two outlines with the same one."""
+    """Refuse outlines without a name, and two outlines with the same one.
+
+    Parameters
+    ----------
+    names : sequence of str
+        A name for each outline, empty if it has none.
+    contours : sequence of Contour
+        The outlines, for messages.
+    source : str
+        The source of the names, for messages.
+    """
     advice = 'give electrodes.names = "letters", or name each outline in the drawing'
     for name, contour in zip(names, contours, strict=True):
         if not name:

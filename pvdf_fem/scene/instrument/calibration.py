@@ -11,7 +11,7 @@ from pydantic import AfterValidator, model_validator
 from pvdf_fem.arrays import Array
 from pvdf_fem.scene.changes import get_number
 from pvdf_fem.scene.keys import Finite, Key, Section, make_validation_error
-from pvdf_fem.scene.registry import FILM_LOAD_CLASSES
+from pvdf_fem.scene.registry import FILM_LOAD_CLASSES, SUPPORT_CLASSES
 from pvdf_fem.scene.scene_file import format_error, suggest
 
 STAGE_KEYS = ("stage.x_mm", "stage.y_mm", "stage.rotation_deg")
@@ -25,6 +25,7 @@ FILM_NAMES = (
     "d31_pC_N",
     "d32_pC_N",
     *FILM_LOAD_CLASSES,
+    *SUPPORT_CLASSES,
 )
 #: Beginnings of the keys of a channel, which end with the name of its electrode.
 CHANNEL_KEYS = ("readout.gain.", "readout.offset_V.")

@@ -63,8 +63,8 @@ class ArcPolygon(Outline):
     @cached_property
     def corners(self) -> Array:
         """Vertices with a kink in m, counter-clockwise, shape (n, 2)."""
-        arriving = np.array([_compute_tangent(side, side.end) for side in self.boundary])
-        leaving = np.array([_compute_tangent(side, side.start) for side in self.boundary])
+        arriving = np.array([compute_tangent(side, side.end) for side in self.boundary])
+        leaving = np.array([compute_tangent(side, side.start) for side in self.boundary])
         before = np.roll(arriving, 1, axis=0)
         cross = before[:, 0] * leaving[:, 1] - before[:, 1] * leaving[:, 0]
         kink = np.abs(np.arctan2(cross, (before * leaving).sum(axis=1)))
@@ -78,12 +78,12 @@ class ArcPolygon(Outline):
     @cached_property
     def perimeter(self) -> float:
         """Length of the outline in m."""
-        return float(sum(_compute_length(side) for side in self.boundary))
+        return float(sum(compute_length(side) for side in self.boundary))
 
     @property
     def longest_side(self) -> float:
         """Maximum length in m of a straight side, or of a part of an arc in the boundary's rule."""
-        return max(_compute_length(side) / _count_quarters(side) for side in self.boundary)
+        return max(compute_length(side) / _count_quarters(side) for side in self.boundary)
 
     @cached_property
     def centroid(self) -> Array:
@@ -280,7 +280,7 @@ class ArcPolygon(Outline):
                 vector = side.end - side.start
                 on_side = side.start + places[:, None] * vector
                 tangents = np.broadcast_to(vector / np.hypot(*vector), on_side.shape)
-            lengths = 0.5 * np.tile(weights, parts) * _compute_length(side) / parts
+            lengths = 0.5 * np.tile(weights, parts) * compute_length(side) / parts
             points.append(on_side)
             outward = np.stack([tangents[:, 1], -tangents[:, 0]], axis=-1)
             normals.append(lengths[:, None] * outward)
@@ -341,7 +341,7 @@ def _compute_area(vertices: Array, bulges: Array) -> float:
     return area
 
 
-def _compute_length(side: Line | Arc) -> float:
+def compute_length(side: Line | Arc) -> float:
     """Compute the length of a side in m."""
     return side.length if isinstance(side, Arc) else float(np.hypot(*(side.end - side.start)))
 
@@ -373,7 +373,7 @@ def _count_chords(angle: float) -> int:
     return max(2, int(np.ceil(max(by_angle, by_height))))
 
 
-def _compute_tangent(side: Line | Arc, point: Array) -> Array:
+def compute_tangent(side: Line | Arc, point: Array) -> Array:
     """Compute the direction of a side at one of its points, of any length, shape (2,)."""
     if isinstance(side, Arc):
         return side.compute_tangents(point[None])[0]

@@ -12,10 +12,12 @@ from functools import partial
 from itertools import chain
 from typing import Any, NamedTuple
 
-from pvdf_fem.scene.film import Air, Film
+from pvdf_fem.scene.air import Air
+from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.load import Load
 from pvdf_fem.scene.outlines.outline import has_overlap
 from pvdf_fem.scene.placed.probe import ListedProbe, Probe, find_load_key
+from pvdf_fem.scene.placed.support_keys import find_support_keys
 from pvdf_fem.scene.scene_file import format_error
 
 
@@ -145,6 +147,18 @@ def _find_orthotropy(tables: SceneTables) -> Iterator[Occurrence]:
         yield Occurrence("film.shear_modulus_GPa", film.shear_modulus_GPa)
 
 
+def _find_backings(tables: SceneTables) -> Iterator[Occurrence]:
+    """Yield the key of each backing, below the film or below a patch."""
+    for found in find_support_keys(tables.film):
+        yield Occurrence(found.key, found.value)
+
+
+def _find_layers(tables: SceneTables) -> Iterator[Occurrence]:
+    """Yield the key ``film.patches`` if any patch is a layer, not only a backing."""
+    if tables.film.layers:
+        yield Occurrence("film.patches", tables.film.patches)
+
+
 def _find_stretched_patches(tables: SceneTables) -> Iterator[Occurrence]:
     """Yield ``bonded`` of the first patch that is not bonded at rest, if there is one."""
     for number, patch in enumerate(tables.film.patches or ()):
@@ -160,8 +174,8 @@ def _find_stretched_patches_on_rubber(tables: SceneTables) -> Iterator[Occurrenc
 
 
 def _find_patches_under_probes(tables: SceneTables) -> Iterator[Occurrence]:
-    """Yield the key ``film.patches`` once if any patch overlaps any probe."""
-    outlines = [patch.outline for patch in tables.film.patches or ()]
+    """Yield the key ``film.patches`` once if any layer overlaps any probe."""
+    outlines = [layer.patch.outline for layer in tables.film.layers.values()]
     for probe in tables.probes.values():
         if any(has_overlap(outline, probe.outline) for outline in outlines):
             yield Occurrence("film.patches", tables.film.patches)
@@ -188,7 +202,6 @@ COUPLING = _make_film_setting("coupling")
 D33 = _make_film_setting("d33_pC_N")
 GRAVITY = _make_film_setting("gravity_m_s2")
 NEO_HOOKEAN = _make_film_setting("law", "neo-hookean")
-PATCHES = _make_film_setting("patches")
 PRESSURE = _make_film_setting("pressure_Pa")
 PRETENSION = _make_film_setting("pretension_N_m")
 RIM_DISPLACEMENT = _make_film_setting("rim_displacement_um")
@@ -196,6 +209,8 @@ TENSION_FIELD = _make_film_setting("compression", "tension-field")
 WARMING = _make_film_setting("warming_K")
 AIR = Setting("air", _find_air)
 OTHER_SHAPE = Setting("film.shape other than a circle", _find_other_shapes)
+BACKING = Setting("{key}", _find_backings)
+PATCHES = Setting("film.patches", _find_layers)
 ORTHOTROPY = Setting("{key}", _find_orthotropy)
 PATCHES_UNDER_PROBES = Setting("film.patches under a probe", _find_patches_under_probes)
 STRETCHED_PATCHES = Setting('film.patches bonded "before stretching"', _find_stretched_patches)
@@ -236,6 +251,13 @@ RULES = (
         "its coefficients are those of a circle",
         advice='remove it, or give film.shape = "circle"',
     ),
+    IncompatibleKeys(
+        AIR,
+        BACKING,
+        "its added mass is that of air on both sides of the film",
+        advice="remove one of the two",
+    ),
+    IncompatibleKeys(WARM_PROBE, BACKING, "a backing carries the heat of a probe away"),
     IncompatibleKeys(COUPLING, STRETCHED_PATCHES, NO_MODEL),
     IncompatibleKeys(COUPLING, RIM_DISPLACEMENT, NO_MODEL),
     IncompatibleKeys(COUPLING, WARMING, NO_MODEL),

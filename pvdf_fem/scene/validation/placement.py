@@ -216,7 +216,7 @@ def _find_layout_errors(film_shape: Shape | None, layout: Layout) -> Iterator[st
         outside = [one for one in electrodes if not is_within(one.outline, rim)]
         if outside:
             excess = max(electrode.outline.compute_excess(rim) for electrode in outside)
-            reason = _describe_excess(excess, film_shape)
+            reason = describe_excess(excess, film_shape)
             yield format_error(key, value, f"{reason}; make the ring or {smaller}")
     for a, b in combinations(electrodes, 2):
         if has_overlap(a.outline, b.outline):
@@ -286,11 +286,11 @@ def _find_rim_errors(key: str, shape: PlacedShape, film_shape: Shape) -> Iterato
     else:
         name = geometry.list_sizes()[0]
         advice = "make it smaller"
-    reason = _describe_excess(shape.outline.compute_excess(rim), film_shape)
+    reason = describe_excess(shape.outline.compute_excess(rim), film_shape)
     yield format_error(f"{key}.{name}", getattr(shape, name), f"{reason}; {advice}")
 
 
-def _describe_excess(excess: float, film_shape: Shape) -> str:
+def describe_excess(excess: float, film_shape: Shape) -> str:
     """Describe by how much a shape extends beyond the rim.
 
     If a size of the film is unusual, but would be usual in another unit, a question follows.
@@ -302,6 +302,11 @@ def _describe_excess(excess: float, film_shape: Shape) -> str:
         between corners are outside, beside a re-entrant corner of the film.
     film_shape : Shape
         Shape of the film, whose first size is in the message.
+
+    Returns
+    -------
+    str
+        A reason that continues the name of the shape.
     """
     name = film_shape.list_sizes()[0]
     size = getattr(film_shape, name)

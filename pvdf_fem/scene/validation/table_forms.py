@@ -9,7 +9,8 @@ from functools import cached_property
 
 from pydantic.fields import FieldInfo
 
-from pvdf_fem.scene.film import Air, Film
+from pvdf_fem.scene.air import Air
+from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.instrument.response_domain import ResponseDomain
 from pvdf_fem.scene.keys import Key, Section
 from pvdf_fem.scene.load import Load, LoadOverrides

@@ -11,7 +11,7 @@ from pvdf_fem.film.loads.load_classes import PROBE_LOADS
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.film import Film
 from pvdf_fem.scene.placed.probe import find_load_key
-from pvdf_fem.scene.registry import FILM_LOAD_CLASSES
+from pvdf_fem.scene.registry import FILM_LOAD_CLASSES, SUPPORT_CLASSES
 from pvdf_fem.scene.scene import LoadedProbe, Scene
 
 #: Names of the keys of a probe's position and rotation.
@@ -120,10 +120,10 @@ def _explain_missing_probe_derivative(problem: Problem, key: str) -> str:
 
 
 def _list_film_keys(film: Film) -> list[str]:
-    """List the keys of a film's thickness, tension, elasticity and distributed loads."""
+    """List the keys of a film's thickness, tension, elasticity, distributed loads and backing."""
     stretching = "temperature_change_K" if film.pretension_N_m is None else "pretension_N_m"
     names = ["thickness_um", stretching, "youngs_modulus_GPa", "poisson_ratio"]
-    names += [name for name in FILM_LOAD_CLASSES if getattr(film, name)]
+    names += [name for name in (*FILM_LOAD_CLASSES, *SUPPORT_CLASSES) if getattr(film, name)]
     keys = []
     for name in names:
         if isinstance(getattr(film, name), tuple):

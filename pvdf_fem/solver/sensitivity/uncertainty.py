@@ -255,7 +255,7 @@ def _replace_cooling_by_pretension(scene: Scene) -> Scene:
     uniform.
     """
     film = scene.film
-    if film.pretension_N_m is None and (film.patches or film.warming_K):
+    if film.pretension_N_m is None and (film.layers or film.warming_K):
         reason = (
             "a cooled film with patches or warming_K has no uniform pretension; give"
             " film.temperature_change_K instead"

@@ -136,8 +136,9 @@ def compare_deck(
 
     Examples
     --------
+    >>> import subprocess
     >>> write_deck(Scene.example("triangle"), "film.inp")
-    >>> # run `ccx film`
+    >>> subprocess.run(["ccx", "film"])
     >>> print(compare_deck(Scene.example("triangle"), "film.dat"))
     """
     problem = Problem.from_scene(scene)

@@ -23,6 +23,10 @@ from pvdf_fem.view.files.mesh_grid import MeshGrid
 
 #: First size of the elements as a fraction of that of third-order elements.
 FIRST_SIZE = 0.3
+#: Each size is this fraction of the one at which the error is expected to be the tolerance, but at
+#: least `MIN_FACTOR` of the last size, since the error of a coarse mesh foretells little.
+SAFETY = 0.85
+MIN_FACTOR = 0.3
 #: Maximum number of meshes.
 MAX_MESHES = 6
 #: Maximum number of elements: CalculiX takes minutes for them.
@@ -52,14 +56,15 @@ class DeckMesh:
     @property
     def error(self) -> float:
         """Largest relative error of a charge or of the deflection due to the mesh."""
-        coarse = {**self.coarse.charges_pC, "": self.coarse.deflection_max_mm}
         charges = self.reference.charges_pC
-        exact = {**charges, "": self.reference.deflection_max_mm}
         least = LEAST_CHARGE * max(map(abs, charges.values()))
         errors = []
-        for name, value in exact.items():
-            scale = max(abs(value), least) if name else abs(value) or np.inf
-            errors.append(abs(coarse[name] - value) / scale)
+        for name, charge in charges.items():
+            difference = abs(self.coarse.charges_pC[name] - charge)
+            errors.append(difference / max(abs(charge), least))
+        deflection = self.reference.deflection_max_mm
+        if deflection:
+            errors.append(abs(self.coarse.deflection_max_mm / deflection - 1.0))
         return max(errors)
 
 
@@ -82,8 +87,9 @@ def make_deck_mesh(problem: Problem, tolerance: float) -> DeckMesh:
     NotConvergedError
         If the scene has no solution.
     SceneError
-        If the mesh would have too many elements.
+        If the mesh would have too many elements, or the tolerance is not reached.
     """
+    reason = f"is not reached on {MAX_MESHES} meshes; give a larger tolerance"
     reference = solve_problem(problem)
     sizes = choose_first_sizes(problem, ORDER).scale(FIRST_SIZE)
     for _ in range(MAX_MESHES):
@@ -94,11 +100,11 @@ def make_deck_mesh(problem: Problem, tolerance: float) -> DeckMesh:
         if error <= tolerance:
             return found
         # the error of first-order elements is proportional to the square of their size
-        factor = float(np.clip(0.85 * np.sqrt(tolerance / error), 0.3, 0.85))
+        factor = float(np.clip(SAFETY * np.sqrt(tolerance / error), MIN_FACTOR, SAFETY))
         sizes = sizes.scale(factor)
         if mesh.nelements / factor**2 > MAX_ELEMENTS:
+            reason = f"needs more than {MAX_ELEMENTS} elements; give a larger tolerance"
             break
-    reason = f"needs more than {MAX_ELEMENTS} elements; give a larger tolerance"
     raise SceneError([format_error("tolerance", tolerance, reason)])
 
 
@@ -110,7 +116,18 @@ def _mesh_straight(problem: Problem, sizes: GradedSizes) -> MeshTri2:
 
 
 def make_straight_mesh(grid: MeshGrid) -> MeshTri2:
-    """Make the mesh of three-node triangles, with its patches as subdomains."""
+    """Make the mesh of three-node triangles, with its patches as subdomains.
+
+    Parameters
+    ----------
+    grid : MeshGrid
+        The triangles, of order 1.
+
+    Returns
+    -------
+    MeshTri2
+        With straight sides.
+    """
     points = np.ascontiguousarray(grid.points.T)
     vertices = np.ascontiguousarray(grid.triangles.T)
     mesh = MeshTri2.from_mesh(MeshTri(points, vertices))
@@ -121,6 +138,17 @@ def make_straight_mesh(grid: MeshGrid) -> MeshTri2:
 
 def solve_on_mesh(problem: Problem, mesh: MeshTri2) -> Solution:
     """Solve a problem with first-order elements on a mesh.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    mesh : MeshTri2
+        The mesh, which is not refined.
+
+    Returns
+    -------
+    Solution
 
     Raises
     ------

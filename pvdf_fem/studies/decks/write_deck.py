@@ -130,7 +130,8 @@ def write_deck(
     >>> deck = write_deck(Scene.example("triangle"), "film.inp")
     >>> deck.mesh_error
     """
-    path = check_deck_path(coerce("path", path, Path))
+    deck_path = coerce("path", path, Path)
+    _require_extension(deck_path)
     program = coerce("program", program, str)
     if program not in DIALECTS:
         reason = f"is not known; choose from {', '.join(DIALECTS)}"
@@ -139,13 +140,13 @@ def write_deck(
     problem = Problem.from_scene(scene)
     require_deck(problem)
     found = make_deck_mesh(problem, tolerance)
-    grid = make_deck_grid(problem, found)
+    grid = _make_grid(problem, found)
     loads = compute_deck_loads(problem, found.mesh)
     text = InputDeck(problem.scene, grid, loads, DIALECTS[program]).format()
-    with replace_file(path) as temporary:
+    with replace_file(deck_path) as temporary:
         temporary.write_text(text, "ascii")
     return Deck(
-        path,
+        deck_path,
         program,
         elements=len(grid.triangles),
         nodes=len(grid.points),
@@ -155,14 +156,13 @@ def write_deck(
     )
 
 
-def check_deck_path(path: Path) -> Path:
-    """Return the path of a deck, or raise `ExportError` if it does not end in ``.inp``."""
+def _require_extension(path: Path) -> None:
+    """Raise `ExportError` unless the path of a deck ends in ``.inp``."""
     if path.suffix.lower() != ".inp":
         raise ExportError(f"{path}: has no extension .inp; give a name that ends in .inp")
-    return path
 
 
-def make_deck_grid(problem: Problem, found: DeckMesh) -> MeshGrid:
+def _make_grid(problem: Problem, found: DeckMesh) -> MeshGrid:
     """Make the grid of a deck's mesh, with the patches in the order of the scene."""
     grid = MeshGrid.from_mesh(found.mesh, order=1)
     names = collect_outlines(problem.scene)

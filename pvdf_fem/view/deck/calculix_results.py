@@ -53,6 +53,15 @@ class CalculixResults:
     def read(cls, path: Path) -> CalculixResults:
         """Read a ``.dat`` file.
 
+        Parameters
+        ----------
+        path : Path
+            The file that CalculiX wrote.
+
+        Returns
+        -------
+        CalculixResults
+
         Raises
         ------
         FileError
@@ -70,7 +79,7 @@ class CalculixResults:
                 rows[table.quantity] += table.rows
         for quantity, found in rows.items():
             if not found:
-                reason = f"has no table of {quantity}: the run did not finish, or it is no deck's"
+                reason = f"has no table of {quantity}: the run did not finish, or had another deck"
                 raise FileError(f"{path}: {reason}; run `ccx` again and read its messages")
         displacements = {int(node): np.array(u) for node, *u in rows["displacements"]}
         stresses = _average_by_element(rows["stresses"])
@@ -83,20 +92,61 @@ class CalculixResults:
         )
 
     def select_displacements(self, nodes: Indices) -> Array:
-        """Return the displacements of nodes, given by index, in m, shape (n, 3)."""
+        """Select the displacements of nodes.
+
+        Parameters
+        ----------
+        nodes : ndarray of int, shape (n,)
+            Indices of the nodes.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            In m.
+        """
         return np.array([self._find(self.displacements, node, "node") for node in nodes])
 
     def select_stresses(self, elements: Indices) -> Array:
-        """Return the Cauchy stresses of elements, given by index, in Pa, shape (n, 6)."""
+        """Select the Cauchy stresses of elements.
+
+        Parameters
+        ----------
+        elements : ndarray of int, shape (n,)
+            Indices of the elements.
+
+        Returns
+        -------
+        ndarray, shape (n, 6)
+            Components xx, yy, zz, xy, xz, yz in Pa.
+        """
         return np.array([self._find(self.stresses, element, "element") for element in elements])
 
     def select_thickness_strains(self, elements: Indices) -> Array:
-        """Return the strains across the film of elements, given by index, shape (n,)."""
+        """Select the Green-Lagrange strains of elements across the film.
+
+        Parameters
+        ----------
+        elements : ndarray of int, shape (n,)
+            Indices of the elements.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
         strains = self.thickness_strains
         return np.array([self._find(strains, element, "element") for element in elements])
 
     def _find(self, values: dict[int, Array] | dict[int, float], index: int, kind: str) -> object:
         """Return the value of a node or element, whose number is its index plus one.
+
+        Parameters
+        ----------
+        values : dict
+            Values by number.
+        index : int
+            Index of the node or element.
+        kind : {"node", "element"}
+            For the message.
 
         Raises
         ------
@@ -133,7 +183,21 @@ def _parse_tables(text: str, path: Path) -> list[_Table]:
 
 
 def _parse_row(line: str, quantity: str, place: str) -> list[float]:
-    """Parse a row of a table; the name of an orientation at its end is left out."""
+    """Parse a row of a table; the name of an orientation at its end is left out.
+
+    Parameters
+    ----------
+    line : str
+        The row.
+    quantity : str
+        A key of `COLUMN_COUNTS`.
+    place : str
+        File and number of the line, for the message.
+
+    Returns
+    -------
+    list of float
+    """
     count = COLUMN_COUNTS[quantity]
     try:
         row = [float(word) for word in line.split()[:count]]

@@ -41,9 +41,11 @@ def compute_deck_charges(
     film = scene.film
     film_stress = np.zeros((len(grid.triangles), 3))
     areas = np.zeros(len(grid.triangles))
-    patches = {e.name: grid.patches[make_subdomain_name(e.name)] for e in scene.electrode_list}
     is_read = np.zeros(len(grid.triangles), dtype=bool)
-    for elements in patches.values():
+    patches = {}
+    for electrode in scene.electrode_list:
+        elements = grid.patches[make_subdomain_name(electrode.name)]
+        patches[electrode.name] = elements
         is_read[elements] = True
     for section in make_sections(film, grid):
         elements = section.elements[is_read[section.elements]]
@@ -61,9 +63,11 @@ def compute_deck_charges(
             thickness_strain=results.select_thickness_strains(elements),
         )
         film_stress[elements] = section.compute_film_stress(stress, film)
-    d = 1e12 * np.array([film.d31, film.d32])
-    density = film_stress[:, :2] @ d
-    return {name: float(density[part] @ areas[part]) for name, part in patches.items()}
+    density = film_stress[:, :2] @ np.array([film.d31, film.d32])
+    charges = {}
+    for name, elements in patches.items():
+        charges[name] = 1e12 * float(density[elements] @ areas[elements])
+    return charges
 
 
 def _compute_gradient(sides: Array, displacements: Array) -> Array:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import re
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
+from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.files import FileError, read_text
 from pvdf_fem.mesh.subdomains import collect_outlines
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.view.deck.deck_file import ELEMENT
+from pvdf_fem.view.deck.deck_scene import find_scene_difference
 from pvdf_fem.view.files.inp import make_labels
 from pvdf_fem.view.files.mesh_grid import MeshGrid
 
@@ -38,7 +40,12 @@ def read_deck_grid(path: Path, scene: Scene) -> MeshGrid:
     FileError
         If the file is not a deck of this scene.
     """
-    blocks = _read_blocks(read_text(path, MAX_BYTES, "an input deck"))
+    text = read_text(path, MAX_BYTES, "an input deck")
+    difference = find_scene_difference(text.splitlines(), scene)
+    if difference:
+        advice = "give the scene of the deck, or write the deck again, and run it"
+        raise FileError(f"{path}: is the deck of another scene, with {difference}; {advice}")
+    blocks = _read_blocks(text)
     labels = make_labels(collect_outlines(scene))
     try:
         nodes = np.array([row[:3] for row in blocks["NODE"]], dtype=float)
@@ -47,8 +54,8 @@ def read_deck_grid(path: Path, scene: Scene) -> MeshGrid:
             raise ValueError
         patches = {}
         for name, label in labels.items():
-            ids = [int(word) for row in blocks[f"ELSET {label.upper()}"] for word in row]
-            patches[name] = np.array(ids) - 1
+            words = chain.from_iterable(blocks[f"ELSET {label.upper()}"])
+            patches[name] = np.array([int(word) for word in words]) - 1
         triangles = elements[:, 1:4] - 1
         used = np.concatenate([triangles.ravel(), *patches.values()])
         if used.min() < 0 or triangles.max() >= len(nodes):
@@ -65,7 +72,7 @@ def read_deck_grid(path: Path, scene: Scene) -> MeshGrid:
     )
 
 
-def _is_numbered(numbers: np.ndarray) -> bool:
+def _is_numbered(numbers: Array | Indices) -> bool:
     """Return whether numbers are 1, 2, 3 and so on."""
     return bool((numbers == np.arange(1, len(numbers) + 1)).all())
 
@@ -86,9 +93,10 @@ def _read_blocks(text: str) -> dict[str, list[list[str]]]:
             continue
         if line.startswith("*"):
             keyword, *parameters = [word.strip() for word in line[1:].upper().split(",")]
-            values = dict(
-                re.split(r"\s*=\s*", word, maxsplit=1) for word in parameters if "=" in word
-            )
+            values = {}
+            for parameter in parameters:
+                key, _, value = parameter.partition("=")
+                values[key.strip()] = value.strip()
             kind = {"ELEMENT": values.get("TYPE", ""), "ELSET": values.get("ELSET", "")}
             name = f"{keyword} {kind.get(keyword, '')}".strip()
             rows = blocks.setdefault(name, [])

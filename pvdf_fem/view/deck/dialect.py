@@ -24,7 +24,17 @@ class Dialect(ABC):
 
     @abstractmethod
     def format_orthotropic(self, constants: EngineeringConstants) -> Iterator[str]:
-        """Yield the lines of an orthotropic sheet in plane stress."""
+        """Yield the lines of an orthotropic sheet in plane stress.
+
+        Parameters
+        ----------
+        constants : EngineeringConstants
+            Constants of the sheet in SI units.
+
+        Yields
+        ------
+        str
+        """
 
     def format_orientation(self) -> Iterator[str]:
         """Yield the lines that define `orientation`; none by default."""

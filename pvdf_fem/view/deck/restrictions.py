@@ -8,6 +8,7 @@ import numpy as np
 
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.placed.probe import find_load_key
+from pvdf_fem.scene.placed.support_keys import find_support_keys
 from pvdf_fem.scene.scene import SceneError
 from pvdf_fem.scene.scene_file import format_error
 
@@ -52,8 +53,13 @@ def _find_errors(problem: Problem) -> Iterator[str]:
             is_used = problem.film.bends if name == "bending" else bool(problem.floating_electrodes)
         else:
             is_used = bool(value)
+        if name == "pyroelectric_uC_m2K" and not film.warming_K:
+            is_used = False  # without warming there is no charge; warm probes are refused below
         if is_used:
             yield format_error(f"film.{name}", value, f"is not in a deck: {reason}; remove it")
+    for found in find_support_keys(film):
+        reason = "is not in a deck, whose film only its rim holds; remove it"
+        yield format_error(found.key, found.value, reason)
     if film.compression != "refuse":
         reason = "is not in a deck, whose membranes do not wrinkle; remove it"
         yield format_error("film.compression", film.compression, reason)
@@ -64,7 +70,7 @@ def _find_errors(problem: Problem) -> Iterator[str]:
         reason = 'is not read from a deck; give "material"'
         yield format_error("numerics.observable", scene.numerics.observable, reason)
     if not scene.electrode_list:
-        yield "electrodes: there are none, whose charges could be compared; add some"
+        yield "electrodes: is empty, so that there is no charge to compare; add an electrode"
     for loaded in scene.loaded_probes:
         if loaded.load.kind not in STATED_KINDS:
             key = find_load_key(loaded.key, loaded.probe, "kind")

@@ -17,7 +17,17 @@ ISOTROPY_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class EngineeringConstants:
-    """Plane-stress constants of an orthotropic sheet along x and y, in SI units."""
+    """Plane-stress constants of an orthotropic sheet along x and y.
+
+    Parameters
+    ----------
+    E1, E2 : float
+        Young's moduli along x and y in Pa.
+    nu12 : float
+        Poisson's ratio: minus the strain along y per strain along x, under a stress along x.
+    G12 : float
+        Shear modulus in Pa.
+    """
 
     E1: float
     E2: float
@@ -26,7 +36,17 @@ class EngineeringConstants:
 
     @classmethod
     def from_stiffness(cls, stiffness: Array) -> EngineeringConstants:
-        """Compute the constants from a plane-stress stiffness in Pa, shape (3, 3)."""
+        """Compute the constants of a plane-stress stiffness.
+
+        Parameters
+        ----------
+        stiffness : ndarray, shape (3, 3)
+            Stiffness in Pa, without coupling of shear and extension.
+
+        Returns
+        -------
+        EngineeringConstants
+        """
         compliance = np.linalg.inv(stiffness)
         E1 = 1.0 / compliance[0, 0]
         return cls(
@@ -128,7 +148,23 @@ def make_sections(film: Film, grid: MeshGrid) -> list[Section]:
 
 
 def _make_section(film: Film, layers: list[Layer], label: str, elements: Indices) -> Section:
-    """Make the section of the film under some layers."""
+    """Make the section of the film under some layers.
+
+    Parameters
+    ----------
+    film : Film
+        The film.
+    layers : list of Layer
+        The layers on it.
+    label : str
+        Name of the section.
+    elements : ndarray of int
+        Indices of its elements.
+
+    Returns
+    -------
+    Section
+    """
     stiffness = film.stiffness
     prestress = film.stiffness @ film.prestrain
     density = film.density

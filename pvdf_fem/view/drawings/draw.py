@@ -7,12 +7,12 @@ from pathlib import Path
 from pvdf_fem.files import FileError
 from pvdf_fem.scene.arguments import SceneLike, as_scene, coerce
 from pvdf_fem.scene.scene_file import format_error, suggest
+from pvdf_fem.view.drawings.dxf import VERSIONS, write_dxf
 from pvdf_fem.view.drawings.sheet import make_sheet
+from pvdf_fem.view.drawings.svg import write_svg
 
 #: Extensions of the formats.
 FORMATS = (".dxf", ".svg", ".pdf")
-#: Versions of DXF; `pvdf_fem.view.drawings.dxf` has the same.
-DXF_VERSIONS = ("R2010", "R12")
 
 
 def draw(
@@ -63,13 +63,11 @@ def draw(
     if extension not in FORMATS:
         reason = f"has no extension of a known format; choose from {' '.join(FORMATS)}"
         raise ValueError(format_error("path", str(path), reason))
-    if dxf_version not in DXF_VERSIONS:
-        reason = f"is not a version of DXF that is written; {suggest(dxf_version, DXF_VERSIONS)}"
+    if dxf_version not in VERSIONS:
+        reason = f"is not a version of DXF that is written; {suggest(dxf_version, VERSIONS)}"
         raise ValueError(format_error("dxf_version", dxf_version, reason))
     sheet = make_sheet(as_scene(scene), probe=is_probe_drawn, dimensions=has_dimensions)
     if extension == ".dxf":
-        from pvdf_fem.view.drawings.dxf import write_dxf
-
         try:
             write_dxf(sheet, target, dxf_version)
         except ModuleNotFoundError as error:
@@ -79,10 +77,8 @@ def draw(
             advice = 'run: pip install "pvdf-fem[drawings]", or write .svg or .pdf'
             raise FileError(f"{path}: {reason}; {advice}") from None
     elif extension == ".svg":
-        from pvdf_fem.view.drawings.svg import write_svg
-
         write_svg(sheet, target)
     else:
-        from pvdf_fem.view.drawings.pdf import write_pdf
+        from pvdf_fem.view.drawings.pdf import write_pdf  # matplotlib is slow to import
 
         write_pdf(sheet, target)

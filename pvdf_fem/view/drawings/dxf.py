@@ -17,6 +17,7 @@ from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.scene.outlines.polygon import Polygon
 from pvdf_fem.view.drawings.sheet import STYLES, Dimension, Label, Layer, Sheet
+from pvdf_fem.view.drawings.strokes import ARROW_LENGTH, EXTENSION, GAP
 
 if TYPE_CHECKING:
     from ezdxf.layouts.layout import Modelspace
@@ -27,6 +28,8 @@ VERSIONS = ("R2010", "R12")
 R12_TOLERANCE = 1e-4
 #: AutoCAD's code for the diameter sign.
 _DIAMETER = "%%c"
+#: Gap between the text of a dimension and its line as a fraction of the text's height.
+_TEXT_GAP = 0.25
 
 
 def write_dxf(sheet: Sheet, path: Path, version: str = "R2010") -> None:
@@ -78,7 +81,19 @@ def write_dxf(sheet: Sheet, path: Path, version: str = "R2010") -> None:
 
 
 def _add_outline(space: Modelspace, outline: Outline, layer: Layer, version: str) -> None:
-    """Add an outline as a circle, an ellipse or a closed polyline with bulges."""
+    """Add an outline as a circle, an ellipse or a closed polyline with bulges.
+
+    Parameters
+    ----------
+    space : Modelspace
+        The model space of the file.
+    outline : Outline
+        The outline in mm.
+    layer : Layer
+        Its layer.
+    version : str
+        Version of DXF; R12 has polylines of arcs in place of ellipses.
+    """
     attributes = {"layer": layer.value}
     if isinstance(outline, Circle):
         space.add_circle(outline.centre.tolist(), outline.radius, dxfattribs=attributes)
@@ -118,7 +133,17 @@ def _list_vertices(outline: Outline) -> list[tuple[float, float, float]]:
 
 
 def _add_label(space: Modelspace, label: Label, alignment: Any) -> None:
-    """Add a text about a point."""
+    """Add a text about a point.
+
+    Parameters
+    ----------
+    space : Modelspace
+        The model space of the file.
+    label : Label
+        The text.
+    alignment : TextEntityAlignment
+        The alignment of ezdxf that puts the middle of a text on a point.
+    """
     text = space.add_text(label.text, height=label.height, dxfattribs={"layer": label.layer.value})
     text.set_placement(label.centre.tolist(), align=alignment)
 
@@ -131,8 +156,17 @@ def _add_dimension(space: Modelspace, dimension: Dimension) -> None:
     along = end - start
     # ezdxf measures the distance of the line to the left of the direction
     left = np.array([-along[1], along[0]]) / dimension.length
-    style = {"dimtxt": height, "dimasz": height, "dimexe": 0.5 * height, "dimexo": 0.3 * height}
-    style |= {"dimgap": 0.25 * height, "dimdec": 3, "dimzin": 8, "dimtad": 1, "dimdsep": ord(".")}
+    style: dict[str, float] = {
+        "dimtxt": height,
+        "dimasz": ARROW_LENGTH * height,
+        "dimexe": EXTENSION * height,
+        "dimexo": GAP * height,
+        "dimgap": _TEXT_GAP * height,
+        "dimdec": 3,  # decimals
+        "dimzin": 8,  # without zeros at the end
+        "dimtad": 1,  # text above the line
+        "dimdsep": ord("."),
+    }
     colour = STYLES[Layer.DIMENSIONS].colour_index
     style |= dict.fromkeys(("dimclrd", "dimclre", "dimclrt"), colour)
     prefix = dimension.prefix.replace("⌀", _DIAMETER)

@@ -22,13 +22,19 @@ from pvdf_fem.arrays import Array
 from pvdf_fem.files import replace_file
 from pvdf_fem.scene.outlines.arc import Arc
 from pvdf_fem.scene.outlines.outline import EllipseCurve, Line, Outline
-from pvdf_fem.view.drawings.sheet import STYLES, Dimension, Label, Layer, Sheet
+from pvdf_fem.view.drawings.sheet import (
+    CAPITAL_HEIGHT,
+    LINE_WIDTH,
+    STYLES,
+    Dimension,
+    Label,
+    Layer,
+    Sheet,
+)
 from pvdf_fem.view.drawings.strokes import draw_dimension
 
 MM_PER_INCH = 25.4
 POINTS_PER_MM = 72.0 / MM_PER_INCH
-#: Width of lines in mm.
-LINE_WIDTH = 0.1
 #: Maximum angle of a Bézier curve: its distance from the arc is 4e-7 of the radius.
 BEZIER_ANGLE = np.pi / 6.0
 
@@ -68,7 +74,19 @@ def _make_figure(sheet: Sheet) -> Figure:
 
 
 def _add_path(figure: Figure, path: Curve, layer: Layer, transform: Transform) -> None:
-    """Add an outline."""
+    """Add a line of a layer.
+
+    Parameters
+    ----------
+    figure : Figure
+        The figure.
+    path : Path of matplotlib
+        The line in mm.
+    layer : Layer
+        The layer, which has the colour.
+    transform : Transform
+        From mm to the page.
+    """
     patch = PathPatch(path, fill=False, edgecolor=STYLES[layer].colour, transform=transform)
     patch.set(linewidth=LINE_WIDTH * POINTS_PER_MM, joinstyle="round")
     figure.add_artist(patch)
@@ -125,17 +143,39 @@ def _make_bezier_points(side: Arc | EllipseCurve) -> Array:
 
 
 def _add_label(figure: Figure, label: Label, angle_deg: float, transform: Transform) -> None:
-    """Add a text about a point."""
+    """Add a text about a point.
+
+    Parameters
+    ----------
+    figure : Figure
+        The figure.
+    label : Label
+        The text.
+    angle_deg : float
+        Rotation, counter-clockwise.
+    transform : Transform
+        From mm to the page.
+    """
     x, y = label.centre
     text = Text(x, y, label.text, color=STYLES[label.layer].colour, transform=transform)
-    size = label.height / 0.72 * POINTS_PER_MM  # capitals are 0.72 of the font size high
+    size = label.height / CAPITAL_HEIGHT * POINTS_PER_MM
     text.set(fontsize=size, ha="center", va="center_baseline")
     text.set(rotation=angle_deg, rotation_mode="anchor", parse_math=False)
     figure.add_artist(text)
 
 
 def _add_dimension(figure: Figure, dimension: Dimension, transform: Transform) -> None:
-    """Add a dimension as lines, arrowheads and a text."""
+    """Add a dimension as lines, arrowheads and a text.
+
+    Parameters
+    ----------
+    figure : Figure
+        The figure.
+    dimension : Dimension
+        The dimension.
+    transform : Transform
+        From mm to the page.
+    """
     strokes = draw_dimension(dimension)
     for ends in strokes.lines:
         _add_path(figure, Curve(ends), Layer.DIMENSIONS, transform=transform)

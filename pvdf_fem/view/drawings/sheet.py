@@ -26,6 +26,10 @@ from pvdf_fem.scene.scene import Scene
 MARGIN = 0.3
 #: Height of the text of dimensions as a fraction of the film's radius.
 TEXT_HEIGHT = 0.04
+#: Height of capitals as a fraction of the font size of SVG and PDF.
+CAPITAL_HEIGHT = 0.72
+#: Width of lines in mm.
+LINE_WIDTH = 0.1
 #: Approximate width of a character as a fraction of its height.
 CHARACTER_WIDTH = 0.8
 
@@ -105,6 +109,12 @@ class Sheet:
         Half of the width and height of the square sheet in mm.
     title : str
         A text below the film.
+    outlines : list of DrawnOutline
+        Outlines of the rim, electrodes, patches and probes.
+    labels : list of Label
+        Names of the electrodes, and the title.
+    dimensions : list of Dimension
+        Dimensions; empty if none are drawn.
     """
 
     half_width: float
@@ -175,11 +185,25 @@ def _to_mm(outline: Outline) -> Outline:
 
 
 def _make_name(name: str, outline: Outline, radius: float) -> Label:
-    """Make the name of an electrode, small enough to fit into its outline."""
-    point = outline.inscribed_polygon.representative_point()
-    centre = np.array(outline.inscribed_polygon.centroid.coords[0])
+    """Make the name of an electrode, small enough to fit into its outline.
+
+    Parameters
+    ----------
+    name : str
+        The name.
+    outline : Outline
+        Outline of the electrode in mm.
+    radius : float
+        Radius of the film in mm, to which the largest and the smallest height are proportional.
+
+    Returns
+    -------
+    Label
+    """
+    polygon = outline.inscribed_polygon
+    centre = np.array(polygon.centroid.coords[0])
     if outline.compute_signed_distances(centre[None])[0] > 0.0:  # outside of a concave outline
-        centre = np.array(point.coords[0])
+        centre = np.array(polygon.representative_point().coords[0])
     room = -2.0 * float(outline.compute_signed_distances(centre[None])[0])
     height = min(TEXT_HEIGHT * radius, 0.6 * room, room / (CHARACTER_WIDTH * len(name)))
     return Label(Layer.NAMES, name, centre, height=max(height, 0.005 * radius))
@@ -208,7 +232,18 @@ def _make_dimensions(scene: Scene, radius: float) -> Iterator[Dimension]:
 
 
 def describe_rim(film: Film) -> str:
-    """Describe the rim by its sizes in mm: ``rim 90`` for a disc, otherwise ``rim 60 × 40``."""
+    """Describe the rim by its sizes in mm.
+
+    Parameters
+    ----------
+    film : Film
+        The film.
+
+    Returns
+    -------
+    str
+        Such as ``rim 90`` for a disc, otherwise ``rim 60 × 40``.
+    """
     left, low, right, high = film.bounds_mm
     width = f"{round(right - left, 3):g}"
     return f"rim {width}" if film.is_disc else f"rim {width} × {round(high - low, 3):g}"
@@ -218,16 +253,36 @@ def _make_rim_dimensions(film: Film, height: float) -> Iterator[Dimension]:
     """Yield the diameter of a disc below it, or the width and the height of another film."""
     left, low, right, high = film.bounds_mm
     gap = 0.5 * MARGIN * 1e3 * film.reach
-    middle_y = 0.5 * (low + high)
-    below = np.array([0.0, low - middle_y - gap])
-    ends = np.array([[left, middle_y], [right, middle_y]])
+    rim = np.array(_to_mm(film.outline).inscribed_polygon.exterior.coords)
+    level_y = _find_level(rim[:, 0], rim[:, 1])
+    below = np.array([0.0, low - level_y - gap])
+    ends = np.array([[left, level_y], [right, level_y]])
     prefix = "⌀" if film.is_disc else ""
     yield Dimension(ends[0], ends[1], below, prefix=prefix, height=height)
     if not film.is_disc:
-        middle_x = 0.5 * (left + right)
-        beside = np.array([left - middle_x - gap, 0.0])
-        ends = np.array([[middle_x, low], [middle_x, high]])
+        level_x = _find_level(rim[:, 1], rim[:, 0])
+        beside = np.array([left - level_x - gap, 0.0])
+        ends = np.array([[level_x, low], [level_x, high]])
         yield Dimension(ends[0], ends[1], beside, prefix="", height=height)
+
+
+def _find_level(along: Array, across: Array) -> float:
+    """Find where a dimension of the rim begins, so that its lines do not cover straight sides.
+
+    Parameters
+    ----------
+    along, across : ndarray of shape (n,)
+        Coordinates of the rim along the dimension and across it, in mm.
+
+    Returns
+    -------
+    float
+        The lowest coordinate across it at which the rim has either end of the dimension.
+    """
+    tolerance = 1e-9 * float(np.ptp(along))
+    is_first = along <= along.min() + tolerance
+    is_last = along >= along.max() - tolerance
+    return float(min(across[is_first].min(), across[is_last].min()))
 
 
 def _compute_extent(outline: Outline, direction: Array) -> float:

@@ -16,13 +16,19 @@ from pvdf_fem.scene.outlines.circle import Circle
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import Line, Outline
 from pvdf_fem.scene.outlines.polygon import Polygon
-from pvdf_fem.view.drawings.sheet import STYLES, Dimension, Label, Layer, Sheet
+from pvdf_fem.view.drawings.sheet import (
+    CAPITAL_HEIGHT,
+    LINE_WIDTH,
+    STYLES,
+    Dimension,
+    Label,
+    Layer,
+    Sheet,
+)
 from pvdf_fem.view.drawings.strokes import draw_dimension
 
 _SVG = "http://www.w3.org/2000/svg"
 _INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
-#: Width of lines in mm.
-LINE_WIDTH = 0.1
 
 
 def write_svg(sheet: Sheet, path: Path) -> None:
@@ -55,7 +61,17 @@ def write_svg(sheet: Sheet, path: Path) -> None:
 
 
 def _fill_layer(group: Element, sheet: Sheet, layer: Layer) -> None:
-    """Add the outlines, texts and dimensions of a layer to its group."""
+    """Add the outlines, texts and dimensions of a layer to its group.
+
+    Parameters
+    ----------
+    group : Element
+        The group.
+    sheet : Sheet
+        The drawing.
+    layer : Layer
+        The layer.
+    """
     number = 0
     for item in sheet.outlines:
         if item.layer is layer:
@@ -121,12 +137,21 @@ def _add_outline(group: Element, outline: Outline) -> Element:
 
 
 def _add_label(group: Element, label: Label, angle_deg: float) -> None:
-    """Add a text about a point."""
+    """Add a text about a point.
+
+    Parameters
+    ----------
+    group : Element
+        The group of its layer.
+    label : Label
+        The text.
+    angle_deg : float
+        Rotation, counter-clockwise.
+    """
     x, y = _flip(label.centre)
     text = _add(group, "text", x=_format(x), fill=STYLES[label.layer].colour, stroke="none")
-    # capitals are 0.72 of the font size high, and their middle is 0.36 above the base line
-    size = label.height / 0.72
-    text.set("y", _format(y + 0.36 * size))
+    size = label.height / CAPITAL_HEIGHT
+    text.set("y", _format(y + 0.5 * label.height))  # y is that of the base line
     text.set("font-size", _format(size))
     text.set("font-family", "sans-serif")
     text.set("text-anchor", "middle")
@@ -139,9 +164,9 @@ def _add_dimension(group: Element, dimension: Dimension) -> None:
     """Add a dimension as lines, arrowheads and a text."""
     strokes = draw_dimension(dimension)
     for start, end in _flip(strokes.lines):
-        (x1, y1), (x2, y2) = start, end
-        line = _add(group, "line", x1=_format(x1), y1=_format(y1), x2=_format(x2))
-        line.set("y2", _format(y2))
+        line = _add(group, "line", x1=_format(start[0]), y1=_format(start[1]))
+        line.set("x2", _format(end[0]))
+        line.set("y2", _format(end[1]))
     for corners in _flip(strokes.arrows):
         arrow = _add(group, "polygon", points=_join(corners.ravel()), stroke="none")
         arrow.set("fill", STYLES[Layer.DIMENSIONS].colour)

@@ -77,12 +77,34 @@ def format_grid(grid: MeshGrid, element: str) -> Iterator[str]:
 
 
 def format_number(value: float) -> str:
-    """Format a number with 13 significant digits and at most 20 characters."""
+    """Format a number with 13 significant digits and at most 20 characters.
+
+    Parameters
+    ----------
+    value : float
+        The number.
+
+    Returns
+    -------
+    str
+        Such as ``-1.234567890123e-05``.
+    """
     return f"{value + 0.0:.12e}"  # adding zero turns -0.0 into 0.0
 
 
 def format_ids(indices: Indices) -> Iterator[str]:
-    """Yield lines with the numbers of nodes or elements, which are their indices plus one."""
+    """Format the numbers of nodes or elements as lines of a set.
+
+    Parameters
+    ----------
+    indices : ndarray of int
+        Indices of the nodes or elements. Their numbers are one larger.
+
+    Yields
+    ------
+    str
+        A line with up to `IDS_PER_LINE` numbers.
+    """
     numbers = [str(index + 1) for index in indices]
     for start in range(0, len(numbers), IDS_PER_LINE):
         yield ", ".join(numbers[start : start + IDS_PER_LINE])
@@ -107,7 +129,7 @@ def make_labels(names: Iterable[str]) -> dict[str, str]:
     used = {FILM, RIM, "nodes"}
     for name in names:
         decomposed = unicodedata.normalize("NFKD", name)
-        without_accents = "".join(c for c in decomposed if not unicodedata.combining(c))
+        without_accents = "".join(char for char in decomposed if not unicodedata.combining(char))
         label = re.sub(r"[^A-Za-z0-9_-]", "_", without_accents)
         label = label if label[:1].isalpha() else f"set_{label}"
         label = label[:LABEL_LENGTH]

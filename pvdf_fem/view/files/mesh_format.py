@@ -1,4 +1,4 @@
-"""What the classes of mesh file formats have in common."""
+"""The base class of mesh file formats."""
 
 from __future__ import annotations
 
@@ -40,7 +40,18 @@ class MeshFormat(ABC):
         """
 
     def choose_element(self, order: int) -> str | None:
-        """Return the default type of elements of an order, or None if files name no types."""
+        """Choose the default type of elements of an order.
+
+        Parameters
+        ----------
+        order : int
+            1 or 2.
+
+        Returns
+        -------
+        str or None
+            A key of `element_orders`; None if files name no types.
+        """
         for element, element_order in self.element_orders.items():
             if element_order == order:
                 return element
@@ -48,7 +59,17 @@ class MeshFormat(ABC):
 
 
 def add_third_coordinate(points: Array) -> Array:
-    """Return points, shape (n, 2), with z = 0 as a third coordinate."""
+    """Add z = 0 to points of the plane.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 2)
+        The points.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+    """
     return np.column_stack([points, np.zeros(len(points))])
 
 

@@ -88,7 +88,17 @@ class MeshGrid:
         return np.unique(self.rim_lines)
 
     def with_patches(self, patches: dict[str, Indices]) -> MeshGrid:
-        """Return a copy with other patches: indices of elements by name."""
+        """Return a copy with other patches.
+
+        Parameters
+        ----------
+        patches : dict of str to ndarray of int
+            Indices of the elements of each patch by name.
+
+        Returns
+        -------
+        MeshGrid
+        """
         return replace(self, patches=patches)
 
     def make_masks(self) -> dict[str, NDArray[np.int32]]:

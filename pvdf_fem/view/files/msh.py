@@ -120,7 +120,24 @@ def _format_nodes(grid: MeshGrid, surfaces: list[Indices]) -> list[str]:
 
 
 def _format_node_block(grid: MeshGrid, nodes: Indices, *, dimension: int, tag: int) -> list[str]:
-    """Format the nodes of an entity: their numbers, then their coordinates."""
+    """Format the nodes of an entity: their numbers, then their coordinates.
+
+    Parameters
+    ----------
+    grid : MeshGrid
+        The mesh.
+    nodes : ndarray of int
+        Indices of the nodes.
+    dimension : int
+        1 for the curve of the rim, 2 for a surface.
+    tag : int
+        Number of the entity.
+
+    Returns
+    -------
+    list of str
+        Lines of the file.
+    """
     lines = [f"{dimension} {tag} 0 {len(nodes)}"]
     lines += [str(node + 1) for node in nodes]
     lines += [f"{x:.16g} {y:.16g} 0" for x, y in grid.points[nodes]]

@@ -23,7 +23,18 @@ _UDUNITS = {"µ": "u", "Ω": "ohm", "²": "2", "³": "3", "degrees": "degree"}
 
 
 def describe_key(key: str) -> dict[str, str]:
-    """Make the CF attributes of a scene key: its words as the long name, and its unit."""
+    """Make the CF attributes of a scene key.
+
+    Parameters
+    ----------
+    key : str
+        Such as ``thickness_um``.
+
+    Returns
+    -------
+    dict of str to str
+        The words of the key as the long name, and its unit.
+    """
     words, unit = split_unit(key)
     return make_attributes(words, unit)
 
@@ -39,6 +50,10 @@ def make_attributes(long_name: str, unit: str = "", **others: Any) -> dict[str, 
         Unit, which is translated to a spelling of udunits. An empty one is left out.
     **others
         Further attributes, such as ``standard_name``.
+
+    Returns
+    -------
+    dict
 
     Examples
     --------
@@ -67,6 +82,10 @@ def make_dataset(
         What the dataset contains.
     attributes : mapping
         Further attributes of the dataset, such as ``scene``.
+
+    Returns
+    -------
+    xarray.Dataset
     """
     about = {"Conventions": CONVENTIONS, "title": title}
     origin = {
@@ -79,9 +98,14 @@ def make_dataset(
 
 
 def leave_out_fill_values(data: xarray.Dataset) -> None:
-    """Set the encoding of the coordinates of a dataset in place to one without ``_FillValue``.
+    """Let xarray write the coordinates of a dataset without ``_FillValue``, as CF requires.
 
-    xarray writes this attribute by default. CF forbids it, since coordinates are never missing.
+    xarray writes this attribute by default. Coordinates have none, since they are never missing.
+
+    Parameters
+    ----------
+    data : xarray.Dataset
+        The dataset, whose encoding is changed.
     """
     for name in data.coords:
         data.variables[name].encoding["_FillValue"] = None

@@ -44,7 +44,17 @@ class VtkMesh(MeshFormat):
 
 
 def escape_xml(name: str) -> str:
-    """Return a name for an XML file, with markup and characters outside of ASCII escaped."""
+    """Escape markup and characters outside of ASCII for an XML file.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``electrode Ä``.
+
+    Returns
+    -------
+    str
+    """
     return escape(name).encode("ascii", "xmlcharrefreplace").decode()
 
 

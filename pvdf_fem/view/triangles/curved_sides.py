@@ -18,7 +18,9 @@ from skfem import MeshTri2
 from pvdf_fem.arrays import Array, Indices
 from pvdf_fem.mesh.points import compute_local_coordinates
 from pvdf_fem.mesh.subdomains import RIM
+from pvdf_fem.scene.outlines.outline import Outline
 from pvdf_fem.view.triangles.element_points import find_facets
+from pvdf_fem.view.triangles.rim import RimSides, circumscribe
 from pvdf_fem.view.triangles.subdivision import Triangles
 
 #: Height of a side divided by its length above which the side is curved; below, it is round-off.
@@ -42,7 +44,7 @@ class _FacetPoints(NamedTuple):
 
 
 def place_on_curved_sides(
-    triangles: Triangles, mesh: MeshTri2, radius: float
+    triangles: Triangles, mesh: MeshTri2, rim: Outline
 ) -> tuple[Array, Indices, ElementPoints]:
     """Move the points along curved sides of elements so that no area is lost.
 
@@ -52,8 +54,8 @@ def place_on_curved_sides(
         The triangles inside the elements of `mesh`.
     mesh : MeshTri2
         The mesh in m.
-    radius : float
-        Radius of the film in m.
+    rim : Outline
+        Outline of the film.
 
     Returns
     -------
@@ -75,36 +77,29 @@ def place_on_curved_sides(
     elements = on_sides.elements[is_moved]
     local = compute_local_coordinates(mesh, elements, points[moved][:, None])[:, :, 0].T
 
-    rim_vertices = np.unique(mesh.facets[:, mesh.boundaries[RIM]])
-    at_rim = np.concatenate([on_sides.points[is_at_rim], rim_vertices])
-    points[at_rim] = _circumscribe(points[at_rim], radius)
+    at_rim, new_places = circumscribe(points, _list_rim_sides(on_sides, mesh), rim)
+    points[at_rim] = new_places
     return points, moved, ElementPoints(elements, local)
 
 
-def _circumscribe(points: Array, radius: float) -> Array:
-    """Move points on a circle outwards so that the polygon through them encloses the circle.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 2)
-        Points near the circle in m, in any order.
-    radius : float
-        Radius of the circle around the origin in m.
-
-    Returns
-    -------
-    ndarray, shape (n, 2)
-        The points at the radius r/cos(a/2), with the larger angle a to a neighbouring point.
-    """
-    angles = np.arctan2(points[:, 1], points[:, 0])
-    order = angles.argsort()
-    ordered = angles[order]
-    following = np.append(ordered[1:], ordered[0] + 2.0 * np.pi) - ordered
-    widest = np.empty(len(points))
-    widest[order] = np.maximum(following, np.roll(following, 1))
-    # a film of few elements must not get points at infinity
-    outer = radius / np.cos(np.minimum(0.5 * widest, 1.0))
-    return np.stack([outer * np.cos(angles), outer * np.sin(angles)], axis=1)
+def _list_rim_sides(on_sides: _FacetPoints, mesh: MeshTri2) -> RimSides:
+    """List the sides of triangles along the rim, from the points on each side of an element."""
+    facets = mesh.boundaries[RIM]
+    first, last = mesh.facets[:, facets]
+    is_at_rim = np.isin(on_sides.facets, facets)
+    between = on_sides.points[is_at_rim]
+    points = np.concatenate([first, between, last])
+    owners = np.concatenate([facets, on_sides.facets[is_at_rim], facets])
+    positions = np.concatenate(
+        [np.zeros(len(facets)), on_sides.positions[is_at_rim], np.ones(len(facets))]
+    )
+    order = np.lexsort([positions, owners])
+    points = points[order]
+    owners = owners[order]
+    starts = np.flatnonzero(owners[1:] == owners[:-1])
+    elements = mesh.f2t[0, owners[starts]]
+    centres = mesh.p[:, mesh.t[:, elements]].mean(axis=1).T
+    return RimSides(starts=points[starts], ends=points[starts + 1], inner=centres)
 
 
 def _find_facet_points(triangles: Triangles, mesh: MeshTri2) -> _FacetPoints:

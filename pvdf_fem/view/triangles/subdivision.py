@@ -44,7 +44,8 @@ class SubdivisionLimits:
     #: Maximum difference of the displacement, as a fraction of the largest displacement.
     displacement: float = 4e-4
     #: Maximum height of a side divided by its length, on a film that is drawn with a largest
-    #: deflection of a quarter of its radius. The film turns by about eight times this angle.
+    #: deflection of a quarter of its hydraulic radius. The film turns by about eight times this
+    #: angle.
     turn: float = 8e-3
     #: Maximum difference of the stress in the middle from the mean of both ends, as a fraction of
     #: the largest of the three, or of the mean stress of the film if this is larger.
@@ -181,7 +182,7 @@ def _exceeds_limits(
     limits: SubdivisionLimits,
 ) -> Mask:
     """Return whether each side exceeds a limit, shape (sides,)."""
-    radius = float(np.hypot(*triangles.points.T).max())
+    radius = film.scene.film.radius
     largest = float(np.linalg.norm(triangles.displacement, axis=1).max())
     deflection = float(np.abs(triangles.displacement[:, 2]).max())
     exaggeration = 0.25 * radius / deflection if deflection > ROUND_OFF * radius else 0.0

@@ -55,7 +55,7 @@ def tessellate(film: FilmData, limits: SubdivisionLimits = LIMITS) -> Tessellati
     Tessellation
     """
     triangles = subdivide(film, limits)
-    points, moved, owners = place_on_curved_sides(triangles, film.mesh, film.scene.film.radius)
+    points, moved, owners = place_on_curved_sides(triangles, film.mesh, film.scene.film.outline)
     displacement = triangles.displacement.copy()
     if len(moved):
         displacement[moved] = interpolate_displacement(

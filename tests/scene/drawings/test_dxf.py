@@ -36,11 +36,12 @@ class NewDrawing:
         logging.getLogger("ezdxf").setLevel(logging.ERROR)
         self.document = ezdxf.new(version, units=units)
         self.space = self.document.modelspace()
+        self.film: dict[str, object] = {}
 
     def read(self, **keys):
         """Save the file, and return the electrodes by name."""
         self.document.saveas("pads.dxf")
-        scene = Scene(electrodes={"drawing": "pads.dxf", **keys})
+        scene = Scene(film=self.film, electrodes={"drawing": "pads.dxf", **keys})
         assert Scene.parse(scene.to_toml()) == scene
         return {electrode.name: electrode for electrode in scene.electrode_list}
 
@@ -290,7 +291,7 @@ REFUSED = {
     ),
     "overlap": (
         lambda space: [space.add_circle((x, 0), 3.0) for x in (0, 5)],
-        ["CIRCLE 2F", "CIRCLE 30", "overlaps"],
+        ["CIRCLE 2F", "CIRCLE 30", "overlaps", "move them apart"],
     ),
     "hole": (
         lambda space: [space.add_circle((0, 0), radius) for radius in (3, 1)],
@@ -406,3 +407,15 @@ def test_a_real_file_of_inkscape_is_read_without_its_unit():
     assert np.array([(pad.x_mm, pad.y_mm) for pad in pads]) == pytest.approx(
         np.array(places), abs=1e-4
     )
+
+
+def test_pads_are_compared_with_the_rim_of_any_film(drawing):
+    drawing.space.add_circle((25, 0), 2.0)
+    [pad] = drawing.read().values()
+    assert pad.x_mm == pytest.approx(25.0)
+    drawing.film = {"shape": "rectangle", "width_mm": 60.0, "height_mm": 40.0}
+    assert drawing.read()
+    drawing.film = {"shape": "rectangle", "width_mm": 40.0, "height_mm": 60.0}
+    message = drawing.refuse()
+    assert "7 mm beyond the rim at film.width_mm = 40.0" in message
+    assert "origin_mm = [25, 0]" in message

@@ -208,6 +208,13 @@ def test_an_unknown_layer_lists_those_there_are():
     assert "Pads (2), Rim (1)" in refuse(LAYERS)
 
 
+@pytest.mark.parametrize(("names", "name"), [("title", "West"), ("id", "w")])
+@pytest.mark.parametrize("data", ["M0,0 C9,9 -9,9 0,0", "M0,0 C9,9 -9,9 0,0 Z"])
+def test_a_single_curve_that_ends_where_it_begins_keeps_title_and_id(data, names, name):
+    path = f'<path id="w" d="{data}"><title>West</title></path>'
+    assert list(read(path, names=names)) == [name]
+
+
 def test_texts_name_outlines_and_a_lone_nameless_outline_is_refused():
     right = '<text x="9.5" y="0" font-size="1">R</text><circle cx="10" r="2"/>'
     left = '<circle cx="-10" r="2"/>'

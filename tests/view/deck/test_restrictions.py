@@ -9,7 +9,7 @@ from pvdf_fem.problem.problem import Problem
 from pvdf_fem.view.deck.restrictions import require_deck
 
 TRIANGLE = Scene.example("triangle")
-HEAT = {"film.pyroelectric_uC_m2K": -25.0}
+HEAT = {"film.pyroelectric_uC_m2K": -25.0, "film.warming_K": 0.3}
 
 
 @pytest.mark.parametrize(
@@ -21,6 +21,7 @@ HEAT = {"film.pyroelectric_uC_m2K": -25.0}
         ({"film.law": "neo-hookean"}, "film.law"),
         ({"film.d33_pC_N": -15.0}, "film.d33_pC_N"),
         ({"film.rim_displacement_um": [1.0]}, "film.rim_displacement_um"),
+        ({"film.backing_N_m3": 1e5}, "film.backing_N_m3"),
         (HEAT, "film.pyroelectric_uC_m2K"),
         ({"numerics.observable": "thesis-edge"}, "numerics.observable"),
         ({"load.kind": "rigid"}, "load.kind"),
@@ -43,6 +44,7 @@ def test_what_a_deck_cannot_state_is_refused_by_its_key(changes, key):
         {},
         {"film.bending": "auto", "numerics.tolerance": 0.05},
         {"film.coupling": "auto"},
+        {"film.material": "te-copolymer"},  # its pyroelectric effect needs warming
         {"load.kind": "follower", "film.warming_K": 0.3, "film.gravity_m_s2": -9.81},
         {"probe": None, "film.pressure_Pa": 100.0},
     ],

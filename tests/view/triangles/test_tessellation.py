@@ -7,6 +7,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.tri import LinearTriInterpolator, Triangulation
@@ -23,6 +24,18 @@ from pvdf_fem.view.triangles.tessellation import Tessellation, tessellate
 from tests.helpers.discs import uniform_mesh
 
 RADIUS = 0.045
+#: Films with straight sides, arcs that bulge outwards or inwards, and corners of all kinds.
+FILMS = {
+    "circle": {"radius_mm": 45.0},
+    "ellipse": {"semi_axes_mm": [60.0, 20.0]},
+    "rectangle": {"width_mm": 60.0, "height_mm": 40.0, "corner_radius_mm": 5.0},
+    "triangle": {"side_mm": 90.0},
+    "polygon": {"vertices_mm": [[-40, -30], [60, -30], [40, -20], [20, 15], [20, 30], [-40, 30]]},
+    "polyline": {
+        "vertices_mm": [[-40, -20], [40, -20], [40, 30], [-40, 20]],
+        "bulges": [0.5, 0.0, 0.2, -0.2],
+    },
+}
 ROUND = {"shape": "circle", "radius_mm": 3.0, "x_mm": 12.0, "y_mm": 0.0}
 SCENE = Scene(
     electrodes=[{"name": "A", **ROUND}, {"name": "B", "x_mm": -10.0, "y_mm": 3.0}],
@@ -164,3 +177,19 @@ def test_subdivision_ends_at_the_largest_number_of_triangles(film):
     few = tessellate(film, SubdivisionLimits(displacement=1e-9, triangles=2000))
     assert 2000 < len(few.elements) < 8000
     assert len(tessellate(film, LIMITS).elements) > 2000
+
+
+@pytest.mark.parametrize("shape", FILMS)
+def test_the_triangles_enclose_the_film_of_any_shape_closely(shape):
+    film = deflect(Scene(film={"shape": shape, **FILMS[shape]}), peak=1e-4)
+    tessellation = tessellate(film)
+    rim = film.scene.film.outline
+    corners = tessellation.points[tessellation.corners]
+    assert tessellation.areas.min() > 0.0
+    assert tessellation.areas.sum() == pytest.approx(rim.area, rel=2e-4)
+    tiled = shapely.union_all(shapely.polygons(corners))
+    assert tiled.area == pytest.approx(tessellation.areas.sum(), rel=1e-12)
+    # chords of arcs that bulge inwards are outside of the film: only what is left out counts
+    missing = shapely.get_parts(rim.inscribed_polygon.difference(tiled))
+    points = shapely.get_coordinates(shapely.point_on_surface(missing))
+    assert (rim.compute_signed_distances(points) > -1e-9).all()

@@ -19,11 +19,32 @@ _NODES_OF_TRIANGLE = {"3": 3, "6": 6, "65": 6}
 
 
 def count_triangle_nodes(element_type: str) -> int:
-    """Return 3 or 6 for a type of triangles in capital letters, and 0 for any other type."""
+    """Count the nodes of a triangle of some type.
+
+    Parameters
+    ----------
+    element_type : str
+        Name of the type in capital letters, such as ``CPS6``.
+
+    Returns
+    -------
+    int
+        3 or 6; 0 if the elements of this type are not triangles.
+    """
     match = _SURFACE.match(element_type)
     return _NODES_OF_TRIANGLE.get(match[1], 0) if match else 0
 
 
 def is_point_or_line(element_type: str) -> bool:
-    """Return whether the elements of a type, in capital letters, are points or lines."""
+    """Return whether the elements of a type are points or lines.
+
+    Parameters
+    ----------
+    element_type : str
+        Name of the type in capital letters, such as ``T3D2``.
+
+    Returns
+    -------
+    bool
+    """
     return _POINT_OR_LINE.match(element_type) is not None

@@ -10,6 +10,7 @@ from pathlib import Path
 from pvdf_fem.files import FileError, open_regular_file, require_utf8_lines
 from pvdf_fem.mesh.files.content import MeshFileError
 
+# More files within files come from files that include each other.
 _MOST_NESTED_FILES = 8
 # Commas that are not inside of double quotes.
 _COMMA = re.compile(r',(?=(?:[^"]*"[^"]*")*[^"]*$)')
@@ -82,7 +83,18 @@ def read_keyword_blocks(path: Path) -> Iterator[KeywordBlock]:
 
 
 def split_fields(text: str) -> list[str]:
-    """Split a line at its commas into fields without surrounding blanks and quotes."""
+    """Split a line at its commas into fields without surrounding blanks and quotes.
+
+    Parameters
+    ----------
+    text : str
+        The line.
+
+    Returns
+    -------
+    list of str
+        The fields; commas within double quotes do not separate them.
+    """
     return [part.strip().strip('"') for part in _COMMA.split(text)]
 
 
@@ -128,11 +140,23 @@ def _read_lines(path: Path, folder: Path, depth: int) -> Iterator[DataLine]:
 
 
 def _read_included(block: KeywordBlock, folder: Path, depth: int) -> Iterator[DataLine]:
-    """Yield the lines of the file that the parameter INPUT of a keyword names."""
+    """Yield the lines of the file that the parameter INPUT of a keyword names.
+
+    Parameters
+    ----------
+    block : KeywordBlock
+        The keyword.
+    folder : Path
+        Folder to which the path of the file is relative.
+    depth : int
+        Number of files that include it.
+    """
     name = block.parameters.get("INPUT", "")
-    if not name or depth > _MOST_NESTED_FILES:
-        reason = "files include each other" if name else "it names no file; give INPUT=file"
-        raise MeshFileError(f"{block.place}: *{block.name}: {reason}")
+    if not name:
+        raise MeshFileError(f"{block.place}: *{block.name}: names no file; give INPUT=file")
+    if depth > _MOST_NESTED_FILES:
+        reason = "files include each other; remove one of these keywords"
+        raise MeshFileError(f"{block.place}: *{block.name}, INPUT={name}: {reason}")
     try:
         yield from _read_lines(folder / name, folder, depth=depth)
     except MeshFileError:

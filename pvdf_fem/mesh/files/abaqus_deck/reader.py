@@ -26,6 +26,8 @@ from pvdf_fem.mesh.files.abaqus_deck.keywords import (
 )
 from pvdf_fem.mesh.files.content import MeshContent, MeshFileError
 
+# Larger numbers of nodes are not exact as floats.
+_LARGEST_ID = 2**53
 # Keywords that make or move nodes and elements in ways that are not read.
 _UNSUPPORTED = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM"}
 
@@ -51,7 +53,17 @@ class _Instance:
     rotation_vector: Array  #: The axis, as long as the angle in radians.
 
     def transform(self, points: Array) -> Array:
-        """Return points of the part in the axes of the assembly, shape (nodes, 3)."""
+        """Transform points of the part to the axes of the assembly.
+
+        Parameters
+        ----------
+        points : ndarray, shape (nodes, 3)
+            Points in the axes of the part.
+
+        Returns
+        -------
+        ndarray, shape (nodes, 3)
+        """
         from scipy.spatial.transform import Rotation  # slow to import, and seldom needed
 
         moved = points + self.translation - self.axis_point
@@ -106,7 +118,18 @@ class _Deck:
         self.current = self.loose
 
     def add(self, block: KeywordBlock) -> None:
-        """Add a keyword block; keywords without nodes and elements are ignored."""
+        """Add a keyword block; keywords without nodes and elements are ignored.
+
+        Parameters
+        ----------
+        block : KeywordBlock
+            The block.
+
+        Raises
+        ------
+        MeshFileError
+            If the keyword is not supported, or a line of data cannot be used.
+        """
         if block.name in _UNSUPPORTED or (block.name == "NODE" and "SYSTEM" in block.parameters):
             advice = "write all nodes and elements by number in Cartesian coordinates"
             raise MeshFileError(f"{block.place}: *{block.name}: is not supported here; {advice}")
@@ -149,7 +172,7 @@ def _make_instance(block: KeywordBlock) -> _Instance:
     if len(shift) > 3 or len(turn) != 7:
         raise MeshFileError(
             f"{block.place}: *INSTANCE: expected a line of 3 numbers and one of 7 numbers"
-            " below it: a shift, and two points of an axis with an angle in degrees"
+            " below it: a shift, and two points of an axis with an angle in degrees; correct them"
         )
     start = np.array(turn[:3])
     axis = np.array(turn[3:6]) - start
@@ -178,11 +201,18 @@ def _parse_numbers(line: DataLine) -> list[float]:
     return numbers
 
 
+def _to_id(number: float, line: DataLine) -> int:
+    """Return the number of a node as an integer; refuse one that no program can have written."""
+    if number != np.floor(number) or abs(number) > _LARGEST_ID:
+        raise MeshFileError(f"{line.place}: {number:g} is not the number of a node; correct it")
+    return int(number)
+
+
 def _add_nodes(part: _Part, lines: Iterable[DataLine]) -> None:
     """Add the nodes of data lines: a number and up to three coordinates."""
     for line in lines:
         number, *coordinates = _parse_numbers(line)
-        part.nodes[int(number)] = np.array([*coordinates, 0.0, 0.0, 0.0][:3])
+        part.nodes[_to_id(number, line)] = np.array([*coordinates, 0.0, 0.0, 0.0][:3])
 
 
 def _add_elements(part: _Part, block: KeywordBlock) -> None:
@@ -200,10 +230,10 @@ def _add_elements(part: _Part, block: KeywordBlock) -> None:
     for line in block.lines:
         row += _parse_numbers(line)
         if len(row) > count + 1:
-            reason = f"an element of type {element_type} has {count} nodes"
-            raise MeshFileError(f"{line.place}: has {len(row) - 1} nodes, but {reason}")
+            reason = f"has {len(row) - 1} nodes, but an element of type {element_type} has {count}"
+            raise MeshFileError(f"{line.place}: {reason}; correct the type or the line")
         if len(row) == count + 1:
-            part.triangles[count].append([int(number) for number in row[1:]])
+            part.triangles[count].append([_to_id(number, line) for number in row[1:]])
             row = []
     if row:
         raise MeshFileError(
@@ -235,7 +265,7 @@ def _join(parts: list[_PlacedPart]) -> MeshContent:
     starts = np.cumsum([0, *(len(part.points) for part in parts)])
     nodes: dict[int, list[Indices]] = {3: [], 6: []}
     others: Counter[str] = Counter()
-    for part, start in zip(parts, starts.tolist(), strict=False):
+    for part, start in zip(parts, starts[:-1].tolist(), strict=True):
         others += part.others
         for count, triangles in part.triangles.items():
             nodes[count].append(triangles + start)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from pvdf_fem.arrays import Array
 from pvdf_fem.files import read_bytes
 from pvdf_fem.scene.drawings.content import (
+    MAX_BYTES,
+    MAX_DEPTH,
     DrawingContent,
     DrawingError,
     DrawnPath,
@@ -24,13 +26,12 @@ from pvdf_fem.scene.drawings.units import HEADER_UNITS
 if TYPE_CHECKING:
     from ezdxf.document import Drawing as Document
 
-#: Maximum size of a drawing in bytes.
-MAX_BYTES = 100_000_000
-#: Maximum number of blocks within blocks, and of copies of a block in an array.
-MAX_DEPTH = 16
+#: Maximum number of copies of a block in an array.
 MAX_COPIES = 10_000
 #: Flag of those vertices of a spline-fitted polyline that are only its control points.
 _FRAME_VERTEX = 16
+#: Estimated mean width of a character as a fraction of the text's height.
+_CHARACTER_WIDTH = 0.7
 
 
 def read_dxf(path: Path, layer: str | None) -> DrawingContent:
@@ -163,7 +164,7 @@ class _Reader:
             raise DrawingError(f"{reason}; explode them")
         if insert.mcount > MAX_COPIES:
             reason = f"has an array of {insert.mcount} copies of block {name}"
-            raise DrawingError(f"{reason}; electrodes are at most 100")
+            raise DrawingError(f"{reason}; draw each electrode once, on a layer of its own")
         for attribute in insert.attribs:
             if not (attribute.dxf.get("invisible", 0) or attribute.is_invisible):
                 self.add(attribute, block=name, block_layer=layer, depth=depth)
@@ -321,38 +322,55 @@ def _read_text(entity: Any) -> DrawnText:
     if entity.dxftype() == "MTEXT":
         lines = entity.plain_text(split=True)
         height = float(entity.dxf.char_height)
-        anchor = _to_plane(entity.dxf.insert)
-        column, row = (
-            (int(entity.dxf.attachment_point) - 1) % 3,
-            (int(entity.dxf.attachment_point) - 1) // 3,
-        )
-        offset = np.array([0.5 - 0.5 * column, -0.5 + 0.5 * row])
-        angle = np.radians(entity.get_rotation())
+        place = _locate_paragraph(entity)
     else:
         lines = [entity.plain_text()]
         height = float(entity.dxf.height)
-        alignment, first, second = entity.get_placement()
-        ocs = entity.ocs()
-        anchor = _to_plane(ocs.to_wcs(first))
-        name = alignment.name
-        offset = np.array([0.5, 0.5])
-        if second is not None:  # between two points
-            anchor = 0.5 * (anchor + _to_plane(ocs.to_wcs(second)))
-            offset[0] = 0.0
-        if "CENTER" in name or "MIDDLE" in name:
-            offset[0] = 0.0
-        if name.startswith("MIDDLE"):
-            offset[1] = 0.0
-        if "RIGHT" in name:
-            offset[0] = -0.5
-        if name.startswith("TOP"):
-            offset[1] = -0.5
-        angle = np.radians(entity.dxf.get("rotation", 0.0))
+        place = _locate_line(entity)
     text = " ".join(" ".join(lines).split())
-    width = 0.7 * height * max(map(len, lines), default=0)
-    across = offset * np.array([width, height])
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    return DrawnText(text, np.stack([anchor, anchor + turn @ across]))
+    width = _CHARACTER_WIDTH * height * max(map(len, lines), default=0)
+    across = place.offset * np.array([width, height])
+    cosine = np.cos(place.angle)
+    sine = np.sin(place.angle)
+    turn = np.array([[cosine, -sine], [sine, cosine]])
+    return DrawnText(text, np.stack([place.anchor, place.anchor + turn @ across]))
+
+
+class _TextPlace(NamedTuple):
+    """Where a text is."""
+
+    anchor: Array  #: The point at which the text is aligned, shape (2,).
+    offset: Array  #: From there to the centre, as fractions of width and height, shape (2,).
+    angle: float  #: Rotation in radians.
+
+
+def _locate_paragraph(entity: Any) -> _TextPlace:
+    """Locate an MTEXT, which is attached at one of nine points."""
+    row, column = divmod(int(entity.dxf.attachment_point) - 1, 3)
+    offset = np.array([0.5 - 0.5 * column, -0.5 + 0.5 * row])
+    angle = float(np.radians(entity.get_rotation()))
+    return _TextPlace(_to_plane(entity.dxf.insert), offset, angle)
+
+
+def _locate_line(entity: Any) -> _TextPlace:
+    """Locate a TEXT or ATTRIB by the name of its alignment."""
+    alignment, first, second = entity.get_placement()
+    ocs = entity.ocs()
+    anchor = _to_plane(ocs.to_wcs(first))
+    name = alignment.name
+    offset = np.array([0.5, 0.5])
+    if second is not None:  # between two points
+        anchor = 0.5 * (anchor + _to_plane(ocs.to_wcs(second)))
+        offset[0] = 0.0
+    if "CENTER" in name or "MIDDLE" in name:
+        offset[0] = 0.0
+    if name.startswith("MIDDLE"):
+        offset[1] = 0.0
+    if "RIGHT" in name:
+        offset[0] = -0.5
+    if name.startswith("TOP"):
+        offset[1] = -0.5
+    return _TextPlace(anchor, offset, float(np.radians(entity.dxf.get("rotation", 0.0))))
 
 
 #: Functions that read an entity's curves, and whether these are closed, by the entity's type.

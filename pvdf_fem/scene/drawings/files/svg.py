@@ -16,6 +16,8 @@ import numpy as np
 
 from pvdf_fem.files import read_bytes
 from pvdf_fem.scene.drawings.content import (
+    MAX_BYTES,
+    MAX_DEPTH,
     NO_LAYER,
     DrawingContent,
     DrawingError,
@@ -23,7 +25,6 @@ from pvdf_fem.scene.drawings.content import (
     DrawnText,
     Unit,
 )
-from pvdf_fem.scene.drawings.files.dxf import MAX_BYTES, MAX_DEPTH
 from pvdf_fem.scene.drawings.files.svg_shapes import Affine, Viewport, parse_transform, read_shape
 from pvdf_fem.scene.drawings.files.svg_styles import (
     PIXELS,
@@ -38,6 +39,12 @@ _GROUPS = ("g", "a", "switch")
 _SHAPES = ("rect", "circle", "ellipse", "line", "polyline", "polygon", "path")
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _HREF = "{http://www.w3.org/1999/xlink}href"
+#: Maximum depth of elements: each clone is within a few groups.
+_MAX_ELEMENT_DEPTH = 4 * MAX_DEPTH
+#: Estimated mean width of a character, and height of its middle above the base line, as fractions
+#: of the font size.
+_CHARACTER_WIDTH = 0.6
+_CHARACTER_MIDDLE = 0.35
 #: Elements that are drawn, but have no outline.
 _PICTURES = ("image", "foreignObject")
 
@@ -172,7 +179,7 @@ class _Walker:
 
     def walk_children(self, element: Element, context: _Context) -> None:
         """Add what an element contains."""
-        if context.depth > MAX_DEPTH * 4:
+        if context.depth > _MAX_ELEMENT_DEPTH:
             raise DrawingError("has groups in groups that do not end; simplify the drawing")
         for child in element:
             self._walk(child, context)
@@ -225,7 +232,7 @@ class _Walker:
         if target is None:
             reason = f'{place} refers to "{reference[:60]}", which the drawing does not have'
             raise DrawingError(f"{reason}; unlink the clone in the drawing program")
-        if context.depth > MAX_DEPTH * 4:
+        if context.depth > _MAX_ELEMENT_DEPTH:
             raise DrawingError(f"{place} refers to itself; unlink the clone")
         x = resolve_length(element.get("x", "0"), context.viewport.width, f"{place} x")
         y = resolve_length(element.get("y", "0"), context.viewport.height, f"{place} y")
@@ -322,8 +329,8 @@ class _Walker:
             size = 0.0
         alignment = self.styles.get_property(element, "text-anchor")
         shares = {"middle": 0.0, "end": -0.5}
-        across = shares.get(alignment, 0.5) * 0.6 * size * len(text)
-        points = np.array([anchor, np.add(anchor, [across, -0.35 * size])])
+        across = shares.get(alignment, 0.5) * _CHARACTER_WIDTH * size * len(text)
+        points = np.array([anchor, np.add(anchor, [across, -_CHARACTER_MIDDLE * size])])
         frame, shift = context.to_drawing
         self.content.texts.append(DrawnText(text, points @ frame.T + shift))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
@@ -47,12 +48,39 @@ class Affine(NamedTuple):
     shift: Array  #: Shape (2,).
 
     def then(self, outer: Affine) -> Affine:
-        """Return the map that applies this one first, and then another one."""
+        """Return the map that applies this one first, and then another one.
+
+        Parameters
+        ----------
+        outer : Affine
+            The map that follows.
+
+        Returns
+        -------
+        Affine
+        """
         return Affine(outer.frame @ self.frame, outer.frame @ self.shift + outer.shift)
 
 
 def parse_transform(text: str, place: str) -> Affine:
-    """Parse the attribute ``transform``; raise `DrawingError` for other than SVG's functions."""
+    """Parse the attribute ``transform``.
+
+    Parameters
+    ----------
+    text : str
+        Functions such as ``translate(1, 2) rotate(30)``.
+    place : str
+        Name of the element in messages.
+
+    Returns
+    -------
+    Affine
+
+    Raises
+    ------
+    DrawingError
+        If there is something else than SVG's functions of numbers.
+    """
     from svgelements import Matrix
 
     try:
@@ -94,16 +122,18 @@ def read_shape(element: Element, viewport: Viewport, place: str) -> list[Subpath
         closing = "Z" if tag == "polygon" else ""
         return _read_path(f"M {points} {closing}", place) if points else []
 
-    def get(name: str, default: str = "0") -> float:
+    def get(name: str) -> float:
+        """Return the length that an attribute gives, 0 without it."""
         reference = _get_reference(name, viewport)
-        return resolve_length(element.get(name, default), reference, f"{place} {name}")
+        return resolve_length(element.get(name, "0"), reference, f"{place} {name}")
 
     if tag == "line":
         first = np.array([get("x1"), get("y1")])
         last = np.array([get("x2"), get("y2")])
         return [Subpath([Side(first, last)], False)] if (first != last).any() else []
     if tag in ("circle", "ellipse"):
-        across, up = (get("r"), get("r")) if tag == "circle" else (get("rx"), get("ry"))
+        across = get("r" if tag == "circle" else "rx")
+        up = get("r" if tag == "circle" else "ry")
         if across <= 0.0 or up <= 0.0:
             return []
         centre = np.array([get("cx"), get("cy")])
@@ -124,7 +154,7 @@ def _get_reference(name: str, viewport: Viewport) -> float | None:
     return viewport.width if is_horizontal else viewport.height
 
 
-def _read_corner_radii(element: Element, get: Any) -> Array:
+def _read_corner_radii(element: Element, get: Callable[[str], float]) -> Array:
     """Return the radii of a rectangle's corners; each is by default the other, shape (2,)."""
     given = [name for name in ("rx", "ry") if element.get(name, "auto") != "auto"]
     if not given:
@@ -202,7 +232,22 @@ def _read_path(data: str, place: str) -> list[Subpath]:
 
 
 def _read_segment(segment: Any, kind: str, place: str) -> list[Curve]:
-    """Read a segment of a path; none has no length."""
+    """Read a segment of a path.
+
+    Parameters
+    ----------
+    segment : PathSegment
+        A segment of svgelements.
+    kind : str
+        Name of its class.
+    place : str
+        Name of the path in messages.
+
+    Returns
+    -------
+    list of Curve
+        Empty for a segment without length.
+    """
     first = _to_array(segment.start)
     last = _to_array(segment.end)
     if not np.isfinite([first, last]).all():
@@ -226,7 +271,7 @@ def _read_segment(segment: Any, kind: str, place: str) -> list[Curve]:
 
 
 def _to_array(point: Any) -> Array:
-    """Return x and y of a point of svgelements, shape (2,)."""
-    return (
-        np.array([np.nan, np.nan]) if point is None else np.array([point.x, point.y], dtype=float)
-    )
+    """Return x and y of a point of svgelements, shape (2,); NaN for a missing point."""
+    if point is None:
+        return np.full(2, np.nan)
+    return np.array([point.x, point.y], dtype=float)

@@ -43,9 +43,8 @@ def parse_length(text: str, place: str) -> Length:
     """
     match = _LENGTH.fullmatch(text)
     if match is None or (match[2] not in PIXELS and match[2] != "%"):
-        reason = (
-            f'{place} is "{text[:40]}", which is no length in {", ".join(filter(None, PIXELS))}'
-        )
+        units = ", ".join(filter(None, PIXELS))
+        reason = f'{place} is "{text[:40]}", which is no length in {units}'
         raise DrawingError(f"{reason} or %; write it in one of these units")
     return Length(float(match[1]), match[2])
 
@@ -76,7 +75,18 @@ def resolve_length(text: str, reference: float | None, place: str) -> float:
 
 
 def get_tag(element: Element) -> str:
-    """Return the name of an element without its namespace; empty for a comment."""
+    """Return the name of an element without its namespace.
+
+    Parameters
+    ----------
+    element : Element
+        An element or a comment.
+
+    Returns
+    -------
+    str
+        Such as ``circle``; empty for a comment.
+    """
     return element.tag.rpartition("}")[-1] if isinstance(element.tag, str) else ""
 
 
@@ -113,7 +123,20 @@ class StyleSheet:
                 self.rules.append(_Rule(selector.strip(), declarations))
 
     def get_property(self, element: Element, name: str) -> str:
-        """Return a property of an element; empty if neither it nor the sheet sets it."""
+        """Return a property of an element, by its style, the rules or an attribute.
+
+        Parameters
+        ----------
+        element : Element
+            The element.
+        name : str
+            Name of the property, such as ``display``.
+
+        Returns
+        -------
+        str
+            Empty if the property is not set.
+        """
         value = element.get(name, "")
         for rule in self.rules:
             if name in rule.declarations and _is_match(rule.selector, element):
