@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 #: Smallest interval, as a fraction of the first one. Few stamps with large errors could turn it back.
 MIN_INTERVAL = 0.1
 
