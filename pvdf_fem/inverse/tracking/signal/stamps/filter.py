@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-#: Smallest interval, as a fraction of the first one. Few stamps with large errors could turn it back.
+#: Smallest interval, as a fraction of the first one. Large errors of few stamps could make it
+#: negative.
 MIN_INTERVAL = 0.1
 
 
@@ -39,7 +40,7 @@ class StampFilter:
         self._set_gains()
 
     def skip(self, count: int) -> None:
-        """Do not correct by the next stamps, since the line has been fitted to them.
+        """Do not correct by the next stamps, since the line has been fitted to them already.
 
         Parameters
         ----------

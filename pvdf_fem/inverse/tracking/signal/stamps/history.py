@@ -94,8 +94,8 @@ class StampHistory:
             self._reviewed_kind = None
             return fit
         self._reviewed_kind = fit.kind
-        # The next stamps are the first that are independent of these. Stamps that look regular among
-        # jittered ones, as rounded ones may for a while, do not hurry, since the filter is right.
+        # The next stamps are the first that are independent of these. Jittered stamps that look
+        # regular for a while, as rounded ones do, may wait, since their filter is right.
         if fit.kind is not StampKind.REGULAR:
             self._next_review = row + HISTORY
         return None

@@ -102,15 +102,6 @@ class TimeBase(ABC):
         """Sampling interval in s."""
         return self.filter.interval_s
 
-    def begin_at_fitted(self, count: int) -> None:
-        """Begin with the stamps of the fit, so that they are not counted twice.
-
-        Parameters
-        ----------
-        count : int
-            Their number.
-        """
-
     def is_repeated(self, stamp_s: float) -> bool:
         """Whether a stamp is expected to repeat the last one."""
         return False
@@ -257,10 +248,6 @@ class JitteredTimeBase(TimeBase):
         super().__init__(fit, time_s)
         self._error_s = 0.0
         self._repeat_count = 0
-
-    def begin_at_fitted(self, count: int) -> None:
-        """Keep the fitted line for the stamps of the fit."""
-        self.filter.skip(count)
 
     def is_repeated(self, stamp_s: float) -> bool:
         """Whether a stamp repeats the last one, as all those of a block do."""

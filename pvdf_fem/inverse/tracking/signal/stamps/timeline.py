@@ -70,7 +70,8 @@ class Timeline:
         self, fit: StampFit, start_s: float, options: ClockOptions, log: RepairLog
     ) -> None:
         self._base = make_time_base(fit, fit.origin_s - fit.interval_s)
-        self._base.begin_at_fitted(fit.stamp_count)
+        if fit.kind is StampKind.JITTERED:
+            self._base.filter.skip(fit.stamp_count)
         self._options = options
         self._log = log
         #: Difference between times and stamps.
@@ -235,7 +236,6 @@ class Timeline:
             return self._pass_on_estimated(verdict.row_count)
         if explanation is Explanation.EXCHANGED:
             return self._pass_on_sorted(verdict.row_count)
-        # Late rows are followed by those that they should precede; those of a chunk are steady.
         is_chunk = verdict.is_steady and self._is_chunk_jitter(verdict.offset_s)
         if explanation is Explanation.LATE and not is_chunk:
             self._drop_late_rows(verdict.row_count)

@@ -59,7 +59,8 @@ class Verdict(NamedTuple):
     row_count: int
     #: Difference in s between the stamp of the first row and the expected one.
     offset_s: float = 0.0
-    #: Whether each held row follows the one before by an interval.
+    #: Whether each held row follows the one before by an interval, as those of a chunk do. A row
+    #: that is late is followed by those that it should have preceded.
     is_steady: bool = False
 
 
