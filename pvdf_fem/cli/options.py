@@ -119,8 +119,8 @@ def add_scene_command(
         default=[],
         dest="settings",
         help="change a value of the scene, such as load.force_N=2 or electrodes[0].x_mm=9. VALUE "
-        "is TOML; a bare word is text; a table, as in 'film={thickness_um=12}', changes only the "
-        "keys in it. May be repeated; the last value of a key counts",
+        "is TOML; a bare word or path is text; a table, as in 'film={thickness_um=12}', changes "
+        "only the keys in it. May be repeated; the last value of a key counts",
     )
     if json_help:
         parser.add_argument("--json", action="store_true", help=json_help)

@@ -133,20 +133,18 @@ def evaluate_at(
     outside = coerce("outside", outside, Literal["refuse", "nan"])
     x, y = _broadcast_coordinates(coerce_array("x_mm", x_mm), coerce_array("y_mm", y_mm))
     film = equilibrium.film
-    distances = film.outline.compute_signed_distances(
-        1e-3 * np.stack([x, y], axis=-1).reshape(-1, 2)
-    )
-    # NaN is outside
-    is_outside = ~(distances.reshape(x.shape) <= RIM_SLACK * film.reach)
+    points = 1e-3 * np.stack([x, y], axis=-1).reshape(-1, 2)
+    distances = film.outline.compute_signed_distances(points).reshape(x.shape)
+    is_outside = ~(distances <= RIM_SLACK * film.reach)  # NaN is outside
     if is_outside.any() and outside == "refuse":
         first = f"({x[is_outside][0]:.9g}, {y[is_outside][0]:.9g}) mm"
         advice = f"give points up to {1e3 * film.radius:g} mm from (0, 0)"
         if not film.is_disc:
-            advice = "give points inside of its rim"
+            advice = "give points within the rim"
         raise ValueError(f"{first} is not on the film; {advice}")
-    points = 1e-3 * np.stack([x[~is_outside], y[~is_outside]])
+    inside = 1e-3 * np.stack([x[~is_outside], y[~is_outside]])
     values = np.full((len(ElementValues._fields), *x.shape, 3), np.nan)
-    values[:, ~is_outside] = _evaluate_points(equilibrium, state, points)
+    values[:, ~is_outside] = _evaluate_points(equilibrium, state, inside)
     return _make_point_values(equilibrium, ElementValues(*values), x=x, y=y)
 
 

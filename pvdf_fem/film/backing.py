@@ -119,7 +119,7 @@ class Backing(Support):
         values = self.space.values[self.elements]
         forces = np.zeros((len(values), values.shape[-1], 3))
         forces[..., DEFLECTION] = np.matmul(values.swapaxes(1, 2), weighted[..., None])[..., 0]
-        return forces.reshape(len(values), -1)
+        return forces.reshape(-1, self.space.element_dofs.shape[1])
 
     def element_tangent(self, state: State) -> ElementMatrices:
         """Return the derivative of `residual` with respect to the dofs, by element, in N/m."""
@@ -164,7 +164,8 @@ class Backing(Support):
         weights = self._weights * pressed
         diagonals = np.zeros((len(values), values.shape[-1], 3))
         diagonals[..., DEFLECTION] = np.einsum("epa,ep->ea", values**2, weights)
-        return self.space.sum_at_dofs(diagonals.reshape(len(values), -1), self.elements)
+        element_dofs = self.space.element_dofs.shape[1]
+        return self.space.sum_at_dofs(diagonals.reshape(-1, element_dofs), self.elements)
 
     def energy_along(self, state: State, x: Array) -> Array:
         """Return the energy as a polynomial in s along the line ``state.dofs + s * x``.

@@ -19,6 +19,8 @@ MAX_BYTES = 1_000_000  #: Maximum size of a scene file in bytes.
 _LONG_KEY = re.compile(
     r"""(?:^|[\[{,])[ \t]*(?:(?:"[^"\n]*"|'[^'\n]*'|[\w-]+)[ \t]*\.[ \t]*){9}""", re.MULTILINE
 )
+# Words, names of files and paths, which need no quotes as values on the command line.
+_BARE_TEXT = re.compile(r"[./~]*[^\W\d][\w ./:\\~-]*")
 # Lists of tables, whose headings are in double brackets.
 _REPEATED_TABLES = {"axes", "electrodes", "probe", "film.patches"}
 
@@ -237,7 +239,7 @@ def parse_change(text: str) -> tuple[str, Any]:
     Parameters
     ----------
     text : str
-        The key, an equals sign, and the value as TOML or as words without quotes.
+        The key, an equals sign, and the value as TOML, or as words or a path without quotes.
 
     Returns
     -------
@@ -262,7 +264,7 @@ def parse_change(text: str) -> tuple[str, Any]:
         table = {}
     if list(table) == ["value"]:
         return key, table["value"]
-    if re.fullmatch(r"[^\W\d][\w -]*", value):
+    if _BARE_TEXT.fullmatch(value):
         return key, value
     reason = "the value is not TOML; write a number, a word, [...] or '\"...\"'"
     raise SceneError([f"{shown}: {reason}"])

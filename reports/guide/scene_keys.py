@@ -146,7 +146,7 @@ def iterate_groups(forms: Sequence[TableForm]) -> Iterator[tuple[str, TableForm,
 def make_commented_scene() -> str:
     """Make the example scene with every key, its meaning, limits, and default or example."""
     blocks = [HEAD]
-    seen_captions = set()
+    seen_captions: set[str] = set()
     for heading, forms in TABLES.items():
         table, _, more = heading.partition(", ")
         field = Scene.model_fields.get(table.strip("[]"))
@@ -160,13 +160,26 @@ def make_commented_scene() -> str:
                 continue
             lines += _comment(caption)
             for key in _list_keys(heading, keys):
-                lines += _make_entry(form, key, is_used=is_used and form is forms[0])
+                entry = _make_entry(form, key, is_used=is_used and form is forms[0])
+                if key == "shape":
+                    entry[-1:-1] = _name_known_shapes(forms, seen_captions)
+                lines += entry
             if caption:
                 seen_captions.add(caption)
         blocks.append("\n".join(lines) + "\n")
     uncertain = [*_comment(UNCERTAIN), "#[uncertain]", '#"film.thickness_um" = "5 %"\n']
     blocks.append("\n".join(uncertain))
     return "\n".join(blocks)
+
+
+def _name_known_shapes(forms: Sequence[TableForm], seen_captions: set[str]) -> list[str]:
+    """Return a comment that names the shapes whose keys are in a table above; it may be empty."""
+    names = [
+        form.fields["shape"].default
+        for caption, form, _ in iterate_groups(forms)
+        if caption in seen_captions and form is not forms[0]
+    ]
+    return _comment(f"Or {', '.join(names)}, with the keys of [film].") if names else []
 
 
 def _list_keys(heading: str, keys: list[str]) -> list[str]:

@@ -217,6 +217,7 @@ def test_keys_and_examples_are_printed_by_name(command):
     text = command("--help").out
     assert not {key.name for key in read_key_texts() if not re.search(rf"\b{key.name}\b", text)}
     assert Scene.parse(command("keys").out) == Scene()
+    assert {"[probe]", "[[electrodes]]"} <= set(command("keys", "ellipse").out.splitlines())
     text = command("keys", "ring_radius", "tension-field", "tilt").out
     assert re.findall(r"^#?(\w+) = ", text, re.M) == ["compression", "ring_radius_mm", "tilt"]
     assert re.findall(r"^\[.*\]$", text, re.M) == ["[film]", "[electrodes]", "[load]"]

@@ -64,7 +64,9 @@ def test_invalid_keys_are_refused(key, scene):
         (" load.kind = rigid ", ("load.kind", "rigid")),
         ("film.pretension_N_m=[9, 8]", ("film.pretension_N_m", [9, 8])),
         ('electrodes[0].name="a=b"', ("electrodes[0].name", "a=b")),
+        ("electrodes.drawing=../pads-2.dxf", ("electrodes.drawing", "../pads-2.dxf")),
         *((text, None) for text in ("load.force_N", "=2", "load.force_N=", "load.force_N=2 N")),
+        *((text, None) for text in ("film.radius_mm=.5.", "film.radius_mm=[9", "load.kind=a=b")),
     ],
 )
 def test_a_change_is_parsed_into_key_and_value(text, change):

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from pvdf_fem.scene.outlines.arc import Arc
 from pvdf_fem.scene.outlines.arc_polygon import ArcPolygon, find_arc_polygon_defect
 from pvdf_fem.scene.outlines.circle import Circle
+from pvdf_fem.scene.outlines.circle_fit import fit_circle
 from pvdf_fem.scene.outlines.ellipse import Ellipse
 from pvdf_fem.scene.outlines.outline import average_over, has_overlap, rotate
 from pvdf_fem.scene.outlines.polygon import (
@@ -264,3 +265,13 @@ def test_an_arc_ends_where_its_bulge_says(bulge, angle):
     first, last = arc.compute_tangents(np.array([start, end]))
     found = np.arctan2(first[0] * last[1] - first[1] * last[0], first @ last)
     assert np.exp(1j * found) == pytest.approx(np.exp(1j * turned), abs=1e-6)
+
+
+@given(shifts, st.floats(1e-3, 1e3), st.floats(0.5, 2.0 * math.pi))
+def test_a_circle_is_found_by_points_along_an_arc(centre, radius, angle):
+    angles = np.linspace(0.0, angle, 9)
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    circle = fit_circle(np.array(centre) + radius * directions)
+    size = radius + math.hypot(*centre)
+    assert circle.radius == pytest.approx(radius, abs=1e-9 * size)
+    assert circle.centre == pytest.approx(np.array(centre), abs=1e-9 * size)

@@ -188,7 +188,7 @@ UNLIKE = [
     ("film.coupling", ["coupled"], ["stretched tape", "rim", "warming", "rubber", "warm"]),
     ("film.d33_pC_N", ["d33"], TAPES),
     ("numerics.observable", ["edges"], ["coupled", "rim", "warm"]),
-    ("load.kind", ["pressure", "weight", "warm", "backing", "backed part"], ["tip"]),
+    ("load.kind", ["pressure", "weight", "warm"], ["tip"]),
     ("probe.temperature_K", ["warm"], ["backing", "backed part"]),
 ]
 REFUSED = {frozenset([a, b]): key for key, ones, others in UNLIKE for a in ones for b in others}

@@ -9,6 +9,7 @@ import numpy as np
 from pvdf_fem.arrays import Array
 from pvdf_fem.mesh.files.content import MeshFileError
 from pvdf_fem.scene.film import Film
+from pvdf_fem.scene.outlines.circle_fit import fit_circle
 
 #: Units of mesh files in m.
 UNITS_M = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "µm": 1e-6, "in": 25.4e-3}
@@ -121,7 +122,7 @@ def _find_disc_placement(border: Array, radius_m: float, slack: float) -> Placem
     unit = _find_unit(reach, radius_m, slack=slack)
     if unit is not None:
         return Placement(UNITS_M[unit], np.zeros(2), _describe_unit(unit))
-    centre = _fit_centre(border)
+    centre = fit_circle(border).centre
     radii = np.linalg.norm(border - centre, axis=1)
     largest = float(radii.max())
     unit = _find_unit(largest, radius_m, slack=slack)
@@ -169,18 +170,3 @@ def _describe_unit(name: str) -> tuple[str, ...]:
 def _format(coordinate: float, reach: float) -> str:
     """Format a coordinate of the centre, without round-off, for messages."""
     return f"{round(coordinate / reach, 9) * reach + 0.0:.6g}"
-
-
-def _fit_centre(border: Array) -> Array:
-    """Fit the centre of a circle to points by linear least squares, shape (2,).
-
-    Notes
-    -----
-    The unknowns of |x|² = 2 c·x + d are the centre c and d = r² - |c|² (Kåsa 1976).
-    """
-    middle = border.mean(axis=0)
-    size = np.abs(border - middle).max()
-    offsets = (border - middle) / size
-    system = np.column_stack([2.0 * offsets, np.ones(len(offsets))])
-    solution, *_ = np.linalg.lstsq(system, np.square(offsets).sum(axis=1))
-    return middle + size * solution[:2]

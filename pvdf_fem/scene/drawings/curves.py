@@ -14,6 +14,10 @@ from pvdf_fem.scene.outlines.arc import Arc
 
 #: Axes of an ellipse that differ by less than this fraction make a circle.
 CIRCLE_TOLERANCE = 1e-9
+#: A derivative below this fraction of the extent of a spline's control points gives no tangent. It
+#: is replaced by a chord over twice this step of the parameter.
+STILL_SPEED = 1e-6
+CHORD_STEP = 1e-4
 
 
 class Curve(ABC):
@@ -21,15 +25,35 @@ class Curve(ABC):
 
     @abstractmethod
     def compute_points(self, parameters: Array) -> Array:
-        """Compute points at parameters, shape (n,), as an array of shape (n, 2)."""
+        """Compute points of the curve.
+
+        Parameters
+        ----------
+        parameters : ndarray, shape (n,)
+            Parameters from 0 at the start to 1 at the end.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+        """
 
     @abstractmethod
     def compute_tangents(self, parameters: Array) -> Array:
-        """Compute unit tangents at parameters, shape (n,), as an array of shape (n, 2)."""
+        """Compute unit tangents of the curve, towards its end.
+
+        Parameters
+        ----------
+        parameters : ndarray, shape (n,)
+            Parameters from 0 at the start to 1 at the end.
+
+        Returns
+        -------
+        ndarray, shape (n, 2)
+        """
 
     @abstractmethod
     def transform(self, frame: Array, shift: Array) -> list[Curve]:
-        """Return the image of the curve under the map x -> frame x + shift, in one or more curves.
+        """Return the image of the curve under the map x -> frame x + shift.
 
         Parameters
         ----------
@@ -37,6 +61,11 @@ class Curve(ABC):
             Any invertible matrix.
         shift : ndarray, shape (2,)
             Translation.
+
+        Returns
+        -------
+        list of Curve
+            One or more curves in order.
         """
 
     @property
@@ -192,7 +221,17 @@ class Spline(Curve):
 
     @classmethod
     def from_bezier_points(cls, points: Array) -> Spline:
-        """Make a Bézier curve from its control points, shape (degree + 1, 2)."""
+        """Make a Bézier curve.
+
+        Parameters
+        ----------
+        points : ndarray, shape (degree + 1, 2)
+            Its control points.
+
+        Returns
+        -------
+        Spline
+        """
         count = len(points)
         knots = np.repeat([0.0, 1.0], count)
         return cls(count - 1, knots, points=points, weights=np.ones(count))
@@ -233,11 +272,10 @@ class Spline(Curve):
         weights = values[:, 2:]
         velocity = (slopes[:, :2] * weights - values[:, :2] * slopes[:, 2:]) / weights**2
         speed = np.linalg.norm(velocity, axis=1)
-        is_still = speed < 1e-6 * np.ptp(self.points, axis=0).max()
+        is_still = speed < STILL_SPEED * np.ptp(self.points, axis=0).max()
         if is_still.any():
-            step = 1e-4
-            before = self.compute_points(np.clip(parameters[is_still] - step, 0.0, 1.0))
-            after = self.compute_points(np.clip(parameters[is_still] + step, 0.0, 1.0))
+            before = self.compute_points(np.clip(parameters[is_still] - CHORD_STEP, 0.0, 1.0))
+            after = self.compute_points(np.clip(parameters[is_still] + CHORD_STEP, 0.0, 1.0))
             velocity[is_still] = after - before
             speed = np.linalg.norm(velocity, axis=1)
         return velocity / np.where(speed > 0.0, speed, 1.0)[:, None]

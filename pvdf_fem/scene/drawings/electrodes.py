@@ -236,7 +236,9 @@ def _require_separate(
             is_within = polygons[0].contains(polygons[1])
             relation = "lies within" if is_within else "overlaps"
             reason = f"{contours[smaller].place} {relation} {contours[larger].place}"
-            advice = "remove one of them; an electrode has no holes"
+            advice = "move them apart, or remove one of them"
+            if is_within:
+                advice = "remove one of them; an electrode has no holes"
             if len(content.layers) > 1:
                 listed = _list_counts(content.layers)
                 advice = f"choose the electrodes' layer by electrodes.layer: {listed}"

@@ -12,12 +12,15 @@ from pvdf_fem.scene.drawings.content import DrawingError
 from pvdf_fem.scene.drawings.contours import Contour, ReversedCurve
 from pvdf_fem.scene.drawings.curves import Curve, EllipticArc, Side
 from pvdf_fem.scene.outlines.arc_polygon import ArcPolygon, find_arc_polygon_defect
+from pvdf_fem.scene.outlines.circle_fit import fit_circle
 from pvdf_fem.scene.outlines.polygon import find_polygon_defect
 
 #: Decimals of lengths in mm and of degrees: 1e-12 m.
 DECIMALS = 9
 #: Maximum number of sides of an outline; `PolygonShape` and `PolylineShape` have the same.
 MAX_SIDES = 1000
+#: Maximum distance of exact curves from a circle as a fraction of its radius: files have round-off.
+EXACT_TOLERANCE = 1e-6
 
 
 def recognize_shape(contour: Contour, tolerance: float) -> dict[str, Any]:
@@ -101,25 +104,17 @@ def _recognize_ellipse(curves: list[Curve]) -> dict[str, Any] | None:
 def _recognize_circle(contour: Contour, tolerance: float) -> dict[str, Any] | None:
     """Return the keys of a circle if all of a contour is within the tolerance of one, else None.
 
-    Notes
-    -----
-    The circle minimizes the sum of (|p - c|² - r²)² over points along the contour, which is linear
-    in c and r² - |c|².
+    Sides and arcs are exact, so that they must be on the circle up to `EXACT_TOLERANCE`.
     """
     points = contour.samples
-    origin = points.mean(axis=0)
-    offsets = points - origin
-    scale = float(np.abs(offsets).max())
-    local = offsets / scale
-    columns = np.column_stack([2.0 * local, np.ones(len(local))])
-    (x, y, constant), *_ = np.linalg.lstsq(columns, (local**2).sum(axis=1), rcond=None)
-    radius = scale * float(np.sqrt(max(constant + x**2 + y**2, 0.0)))
-    centre = origin + scale * np.array([x, y])
-    deviation = np.abs(np.linalg.norm(points - centre, axis=1) - radius).max()
-    limit = tolerance if not _has_only_sides(contour) else 1e-6 * radius
+    circle = fit_circle(points)
+    distances = np.linalg.norm(points - circle.centre, axis=1)
+    deviation = np.abs(distances - circle.radius).max()
+    limit = EXACT_TOLERANCE * circle.radius if _has_only_sides(contour) else tolerance
     if deviation > limit:
         return None
-    return {**_place(centre), "shape": "circle", "radius_mm": round(radius, DECIMALS)}
+    radius_mm = round(circle.radius, DECIMALS)
+    return {**_place(circle.centre), "shape": "circle", "radius_mm": radius_mm}
 
 
 def _has_only_sides(contour: Contour) -> bool:

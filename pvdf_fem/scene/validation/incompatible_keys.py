@@ -271,7 +271,6 @@ RULES = (
     IncompatibleKeys(THESIS_EDGES, WARM_PROBE, "the means are of a homogeneous film"),
     IncompatibleKeys(TIP, PRESSURE, "contacts are found without loads on the whole film"),
     IncompatibleKeys(TIP, GRAVITY, "contacts are found without loads on the whole film"),
-    IncompatibleKeys(TIP, BACKING, "contacts are found on a film that only its rim holds"),
     IncompatibleKeys(TIP, WARM_PROBE, "the heat of a probe is computed for a fixed outline"),
 )
 SETTINGS = {*(rule.first for rule in RULES), *(rule.second for rule in RULES)}

@@ -87,8 +87,9 @@ def make_deck_mesh(problem: Problem, tolerance: float) -> DeckMesh:
     NotConvergedError
         If the scene has no solution.
     SceneError
-        If the mesh would have too many elements.
+        If the mesh would have too many elements, or the tolerance is not reached.
     """
+    reason = f"is not reached on {MAX_MESHES} meshes; give a larger tolerance"
     reference = solve_problem(problem)
     sizes = choose_first_sizes(problem, ORDER).scale(FIRST_SIZE)
     for _ in range(MAX_MESHES):
@@ -102,8 +103,8 @@ def make_deck_mesh(problem: Problem, tolerance: float) -> DeckMesh:
         factor = float(np.clip(SAFETY * np.sqrt(tolerance / error), MIN_FACTOR, SAFETY))
         sizes = sizes.scale(factor)
         if mesh.nelements / factor**2 > MAX_ELEMENTS:
+            reason = f"needs more than {MAX_ELEMENTS} elements; give a larger tolerance"
             break
-    reason = f"needs more than {MAX_ELEMENTS} elements; give a larger tolerance"
     raise SceneError([format_error("tolerance", tolerance, reason)])
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -11,6 +10,7 @@ import numpy as np
 from pvdf_fem.mesh.subdomains import RIM, make_subdomain_name
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.view.deck.deck_loads import DeckLoads
+from pvdf_fem.view.deck.deck_scene import format_scene_comments
 from pvdf_fem.view.deck.dialect import Dialect
 from pvdf_fem.view.deck.section import Section, make_sections
 from pvdf_fem.view.files.inp import format_grid, format_ids, format_number, make_labels
@@ -23,9 +23,6 @@ FIRST_INCREMENT = 0.05
 #: Largest force of the first increment divided by the film's tension in N/m and its radius. This
 #: converges on films of 0.4 to 12 N/m under 1 to 5 N; a hundred times more fails.
 FIRST_FORCE = 0.13
-#: Maximum length of comments: CalculiX 2.20 stops at a line of more than 16 entries between commas,
-#: also in a comment.
-COMMENT_WIDTH = 45
 #: Number of the increment after which results are written: only the last one of a step.
 LAST_INCREMENT = 9999
 
@@ -57,9 +54,7 @@ class InputDeck:
             "** A film in SI units (m, N, Pa, kg/m3, K) at z = 0. Step 1 cools the clamped film,",
             "** which is kept flat, and step 2 loads it. The results are printed at the end.",
         ]
-        for line in self.scene.to_toml().splitlines():
-            comment = line.encode("ascii", "backslashreplace").decode()
-            lines += [f"** scene: {part}" for part in textwrap.wrap(comment, COMMENT_WIDTH)]
+        lines += format_scene_comments(self.scene)
         lines += format_grid(self.grid, ELEMENT)
         sections = make_sections(self.scene.film, self.grid)
         for section in sections:

@@ -12,6 +12,7 @@ from pvdf_fem.files import FileError, read_text
 from pvdf_fem.mesh.subdomains import collect_outlines
 from pvdf_fem.scene.scene import Scene
 from pvdf_fem.view.deck.deck_file import ELEMENT
+from pvdf_fem.view.deck.deck_scene import find_scene_difference
 from pvdf_fem.view.files.inp import make_labels
 from pvdf_fem.view.files.mesh_grid import MeshGrid
 
@@ -39,7 +40,12 @@ def read_deck_grid(path: Path, scene: Scene) -> MeshGrid:
     FileError
         If the file is not a deck of this scene.
     """
-    blocks = _read_blocks(read_text(path, MAX_BYTES, "an input deck"))
+    text = read_text(path, MAX_BYTES, "an input deck")
+    difference = find_scene_difference(text.splitlines(), scene)
+    if difference:
+        advice = "give the scene of the deck, or write the deck again, and run it"
+        raise FileError(f"{path}: is the deck of another scene, with {difference}; {advice}")
+    blocks = _read_blocks(text)
     labels = make_labels(collect_outlines(scene))
     try:
         nodes = np.array([row[:3] for row in blocks["NODE"]], dtype=float)

@@ -253,16 +253,36 @@ def _make_rim_dimensions(film: Film, height: float) -> Iterator[Dimension]:
     """Yield the diameter of a disc below it, or the width and the height of another film."""
     left, low, right, high = film.bounds_mm
     gap = 0.5 * MARGIN * 1e3 * film.reach
-    middle_y = 0.5 * (low + high)
-    below = np.array([0.0, low - middle_y - gap])
-    ends = np.array([[left, middle_y], [right, middle_y]])
+    rim = np.array(_to_mm(film.outline).inscribed_polygon.exterior.coords)
+    level_y = _find_level(rim[:, 0], rim[:, 1])
+    below = np.array([0.0, low - level_y - gap])
+    ends = np.array([[left, level_y], [right, level_y]])
     prefix = "⌀" if film.is_disc else ""
     yield Dimension(ends[0], ends[1], below, prefix=prefix, height=height)
     if not film.is_disc:
-        middle_x = 0.5 * (left + right)
-        beside = np.array([left - middle_x - gap, 0.0])
-        ends = np.array([[middle_x, low], [middle_x, high]])
+        level_x = _find_level(rim[:, 1], rim[:, 0])
+        beside = np.array([left - level_x - gap, 0.0])
+        ends = np.array([[level_x, low], [level_x, high]])
         yield Dimension(ends[0], ends[1], beside, prefix="", height=height)
+
+
+def _find_level(along: Array, across: Array) -> float:
+    """Find where a dimension of the rim begins, so that its lines do not cover straight sides.
+
+    Parameters
+    ----------
+    along, across : ndarray of shape (n,)
+        Coordinates of the rim along the dimension and across it, in mm.
+
+    Returns
+    -------
+    float
+        The lowest coordinate across it at which the rim has either end of the dimension.
+    """
+    tolerance = 1e-9 * float(np.ptp(along))
+    is_first = along <= along.min() + tolerance
+    is_last = along >= along.max() - tolerance
+    return float(min(across[is_first].min(), across[is_last].min()))
 
 
 def _compute_extent(outline: Outline, direction: Array) -> float:

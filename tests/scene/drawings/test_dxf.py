@@ -291,7 +291,7 @@ REFUSED = {
     ),
     "overlap": (
         lambda space: [space.add_circle((x, 0), 3.0) for x in (0, 5)],
-        ["CIRCLE 2F", "CIRCLE 30", "overlaps"],
+        ["CIRCLE 2F", "CIRCLE 30", "overlaps", "move them apart"],
     ),
     "hole": (
         lambda space: [space.add_circle((0, 0), radius) for radius in (3, 1)],

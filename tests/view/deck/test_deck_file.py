@@ -13,6 +13,7 @@ from pvdf_fem.studies.decks.deck_mesh import make_straight_mesh
 from pvdf_fem.view.deck.deck_file import InputDeck
 from pvdf_fem.view.deck.deck_loads import compute_deck_loads
 from pvdf_fem.view.deck.deck_reader import read_deck_grid
+from pvdf_fem.view.deck.deck_scene import find_scene_difference, format_scene_comments
 from pvdf_fem.view.deck.dialect import DIALECTS
 from pvdf_fem.view.files.mesh_grid import MeshGrid
 from tests.helpers.discs import uniform_mesh
@@ -92,3 +93,38 @@ def test_other_files_are_no_decks(tmp_path, damage):
     path.write_text(make_deck(TRIANGLE).format().replace(f"\n{damage}", "\n** "), "ascii")
     with pytest.raises(FileError, match=r"film\.inp"):
         read_deck_grid(path, TRIANGLE)
+
+
+TAPE = {"x_mm": 0.0, "y_mm": 0.0, "thickness_um": 9.0, "youngs_modulus_GPa": 3.0}
+
+
+@pytest.mark.parametrize(
+    ("changes", "is_same"),
+    [
+        ({"load.kind": "follower"}, False),
+        ({"probe.x_mm": 9.5}, False),
+        ({"film.pressure_Pa": 20.0}, False),
+        ({"film.patches": [TAPE]}, False),
+        ({"film.d31_pC_N": 23.0, "numerics.tolerance": 1e-4, "film.permittivity": 12.0}, True),
+    ],
+)
+def test_a_deck_is_read_for_its_own_scene_only(tmp_path, changes, is_same):
+    """Changes that leave the deck as it is are allowed, such as those of charge coefficients."""
+    path = tmp_path / "film.inp"
+    path.write_text(make_deck(TRIANGLE).format(), "ascii")
+    other = TRIANGLE.with_(**changes)
+    if is_same:
+        assert len(read_deck_grid(path, other).triangles)
+        return
+    with pytest.raises(FileError, match=next(iter(changes)).rpartition(".")[2]):
+        read_deck_grid(path, other)
+
+
+def test_scenes_with_long_lists_in_comments_are_recognized():
+    vertices = [[-9.0, -9.0], [9.0, -9.0], [9.125, 9.0], [0.0, 4.5], [-9.0, 9.0]]
+    scene = TRIANGLE.with_(probe={"shape": "polygon", "vertices_mm": vertices})
+    comments = format_scene_comments(scene)
+    assert find_scene_difference(comments, scene) == ""
+    vertices[-1] = [-9.0, 9.5]
+    other = scene.with_(**{"probe.vertices_mm": vertices})
+    assert "probe.vertices_mm" in find_scene_difference(comments, other)

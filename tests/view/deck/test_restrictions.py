@@ -21,6 +21,7 @@ HEAT = {"film.pyroelectric_uC_m2K": -25.0, "film.warming_K": 0.3}
         ({"film.law": "neo-hookean"}, "film.law"),
         ({"film.d33_pC_N": -15.0}, "film.d33_pC_N"),
         ({"film.rim_displacement_um": [1.0]}, "film.rim_displacement_um"),
+        ({"film.backing_N_m3": 1e5}, "film.backing_N_m3"),
         (HEAT, "film.pyroelectric_uC_m2K"),
         ({"numerics.observable": "thesis-edge"}, "numerics.observable"),
         ({"load.kind": "rigid"}, "load.kind"),

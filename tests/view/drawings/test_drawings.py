@@ -179,6 +179,30 @@ def test_a_dxf_file_has_outlines_in_mm_on_layers_of_their_own(tmp_path, version)
     assert sorted(measured[1:]) == pytest.approx([2.0, 4.0, 4.0, 6.0, 8.0])
 
 
+@pytest.mark.parametrize(
+    "film",
+    [
+        {"shape": "rectangle", "width_mm": 60.0, "height_mm": 40.0},
+        {"shape": "polygon", "vertices_mm": [[-30, -20], [30, -10], [30, 20], [-25, 20]]},
+        {"shape": "ellipse", "semi_axes_mm": [30.0, 20.0]},
+    ],
+)
+def test_dimensions_of_the_rim_do_not_cover_its_sides(tmp_path, film):
+    path = tmp_path / "pads.dxf"
+    draw(Scene().with_(film=film), path)
+    width, height = list(ezdxf.readfile(path).modelspace().query("DIMENSION"))[:2]
+    assert [width.get_measurement(), height.get_measurement()] == pytest.approx([60.0, 40.0])
+    rim = Scene().with_(film=film).film.outline
+    for dimension in (width, height):
+        for point in (dimension.dxf.defpoint2, dimension.dxf.defpoint3):
+            away = np.array(dimension.dxf.defpoint.vec2 - point.vec2)
+            away[1 if dimension is height else 0] = 0.0
+            on_line = np.array(point.vec2) + np.linspace(0.0, 1.0, 20)[:, None] * away
+            distances = rim.compute_signed_distances(1e-3 * on_line)
+            assert distances.min() > -1e-9  # in m
+            assert (distances < 1e-6).sum() <= 1
+
+
 def test_an_svg_file_states_its_size_and_has_real_arcs(tmp_path):
     path = tmp_path / "pads.svg"
     draw(SCENE, path)

@@ -23,7 +23,7 @@ END_DEVIATIONS = 4.0
 class TouchRecord:
     """Charges of a touch that has ended, without drift."""
 
-    onset_s: float
+    onset_s: float  #: Last time before the peak at which the film was not pressed.
     end_s: float  #: Last time at which the charges differed from zero.
     rows: BufferedSamples
     largest: ChargeSample  #: Sample with the largest charges.
@@ -60,6 +60,10 @@ class ReleasedRows:
         After the contact the charge must be zero, so that the measured residual is a drift. The
         errors of all samples are conditioned on this residual (Brownian bridge), and their
         conditional mean is subtracted.
+
+        Returns
+        -------
+        TouchRecord
         """
         bridge = self._make_bridge()
         rows = self._correct_rows(bridge)
@@ -76,11 +80,21 @@ class ReleasedRows:
         )
 
     def find_pauses(self) -> list[slice]:
-        """Find the rows of the pauses between touches of the contact; see `find_pauses`."""
+        """Find the rows of the pauses between touches of the contact; see `touch_pauses`."""
         return find_pauses(self._correct_rows(self._make_bridge()))
 
     def select_until(self, pause: slice) -> ReleasedRows:
-        """Return the rows of the first touch, until the end of the pause after it."""
+        """Return the rows of the first touch, until the end of the pause after it.
+
+        Parameters
+        ----------
+        pause : slice
+            Rows of the pause.
+
+        Returns
+        -------
+        ReleasedRows
+        """
         rows = self.rows.select(slice(pause.stop))
         return replace(
             self,
@@ -91,7 +105,17 @@ class ReleasedRows:
         )
 
     def select_between(self, before: slice, after: slice) -> ReleasedRows:
-        """Return the rows from a pause until the end of another, with zero charges in the first."""
+        """Return the rows from a pause until the end of another, with zero charges in the first.
+
+        Parameters
+        ----------
+        before, after : slice
+            Rows of the pauses before and after a touch.
+
+        Returns
+        -------
+        ReleasedRows
+        """
         residual, noise_variance = average_charges(self.rows.select(before))
         middle = self.rows.get_sample((before.start + before.stop) // 2)
         start = replace(middle, charges_pC=residual, noise_variance=noise_variance)
@@ -168,6 +192,11 @@ def split_at_pauses(whole: ReleasedRows) -> list[TouchRecord]:
     ----------
     whole : ReleasedRows
         Charges of the contact.
+
+    Returns
+    -------
+    list of TouchRecord
+        The touches in their order.
     """
     pauses = whole.find_pauses()
     if not pauses:

@@ -172,7 +172,7 @@ def _make_instance(block: KeywordBlock) -> _Instance:
     if len(shift) > 3 or len(turn) != 7:
         raise MeshFileError(
             f"{block.place}: *INSTANCE: expected a line of 3 numbers and one of 7 numbers"
-            " below it: a shift, and two points of an axis with an angle in degrees"
+            " below it: a shift, and two points of an axis with an angle in degrees; correct them"
         )
     start = np.array(turn[:3])
     axis = np.array(turn[3:6]) - start
@@ -230,8 +230,8 @@ def _add_elements(part: _Part, block: KeywordBlock) -> None:
     for line in block.lines:
         row += _parse_numbers(line)
         if len(row) > count + 1:
-            reason = f"an element of type {element_type} has {count} nodes"
-            raise MeshFileError(f"{line.place}: has {len(row) - 1} nodes, but {reason}")
+            reason = f"has {len(row) - 1} nodes, but an element of type {element_type} has {count}"
+            raise MeshFileError(f"{line.place}: {reason}; correct the type or the line")
         if len(row) == count + 1:
             part.triangles[count].append([_to_id(number, line) for number in row[1:]])
             row = []
