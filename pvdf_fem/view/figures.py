@@ -40,6 +40,8 @@ GREY = "0.45"
 WIDTH_MM = 120.0  #: Width of a figure in a report: readable on a phone.
 DIVERGING = "RdBu_r"  #: Colour map for values of both signs; zero is white.
 MARKERS = "os^Dv<>pP*"  #: A marker for each electrode, besides its colour.
+#: Width of a map divided by its height above which its colour bar is below it.
+FLAT_MAP = 2.5
 LABEL_SIZE = 8.0  #: Size of labels in points.
 #: A white outline that makes lines and texts readable on any colour.
 HALO = withStroke(linewidth=1.8, foreground="white")
@@ -130,7 +132,7 @@ def get_figure(ax: Axes) -> Figure:
 
 
 def add_colour_bar(ax: Axes, drawn: ScalarMappable, label: str, **options: Any) -> None:
-    """Add a colour bar beside a map.
+    """Add a colour bar beside a map, or below the map of a flat film.
 
     Parameters
     ----------
@@ -143,7 +145,16 @@ def add_colour_bar(ax: Axes, drawn: ScalarMappable, label: str, **options: Any) 
     **options
         Additional arguments of matplotlib's `Figure.colorbar`.
     """
-    get_figure(ax).colorbar(drawn, ax=ax, label=label, fraction=0.046, pad=0.03, **options)
+    left, right = ax.get_xlim()
+    low, high = ax.get_ylim()
+    ratio = abs((right - left) / (high - low))
+    figure = get_figure(ax)
+    if ax.get_aspect() != 1.0 or ratio < FLAT_MAP:
+        figure.colorbar(drawn, ax=ax, label=label, fraction=0.046, pad=0.03, **options)
+        return
+    # beside a flat map of equal axes, a bar would be too short for its labels
+    below = ax.inset_axes((0.0, -0.2 * ratio, 1.0, 0.03 * ratio))
+    figure.colorbar(drawn, cax=below, label=label, orientation="horizontal", **options)
 
 
 def get_line_style(number: int) -> dict[str, Any]:

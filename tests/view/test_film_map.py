@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -128,3 +130,17 @@ def test_charges_are_a_pandas_table(solution):
     assert table.index.tolist() == list("ABCD")
     assert table.charges_pC.to_dict() == solution.charges_pC
     assert table.charge_changes_pC["A"] == solution.charge_changes_pC["A"]
+
+
+def test_the_colour_bar_of_a_slender_film_is_as_long_as_its_labels_need():
+    film = {"shape": "rectangle", "width_mm": 120.0, "height_mm": 6.0}
+    electrodes = [{"name": "A", "x_mm": -10.0, "y_mm": 0.0}]
+    probe = {"shape": "circle", "radius_mm": 1.0, "x_mm": 20.0, "y_mm": 0.0}
+    scene = Scene(film=film, electrodes=electrodes, probe=probe, numerics={"tolerance": 0.02})
+    figure = solve(scene).plot("stress")
+    figure.draw_without_rendering()
+    [bar] = figure.axes[0].child_axes
+    texts = [text for text in bar.get_xticklabels() if text.get_text()]
+    boxes = [text.get_window_extent() for text in texts]
+    assert len(boxes) > 1
+    assert all(first.x1 < second.x0 for first, second in itertools.pairwise(boxes))

@@ -174,4 +174,7 @@ def explain_missing_derivative(problem: Problem, key: str) -> str:
         return _explain_missing_probe_derivative(problem, key)
     if key in (*_list_film_keys(scene.film), *COEFFICIENTS):
         return "of a film that bends, wrinkles or feels voltages has no derivative"
+    table, _, name = key.partition(".")
+    if table == "film" and name in scene.film.geometry.list_sizes():
+        return "is a size of the rim, which has no derivative; compare two solves by a sweep"
     return "is not a key of this scene with respect to which charges are differentiated"

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from pvdf_fem import NotConvergedError, Scene, solve
+from pvdf_fem import NotConvergedError, Scene, solve, uncertainty
 from pvdf_fem.problem.problem import Problem
 from pvdf_fem.scene.changes import get_number
 from pvdf_fem.solver.sensitivity.gradients import gradients
@@ -269,3 +269,13 @@ def test_a_given_mesh_is_not_replaced():
     for tolerance in (0.5, 0.0, -1e-3, 1.0, float("nan")):
         with pytest.raises(ValueError, match="tolerance"):
             gradients(solution, ["load.force_N"], tolerance=tolerance)
+
+
+@pytest.mark.parametrize("name", ["width_mm", "height_mm", "corner_radius_mm"])
+def test_sizes_of_the_film_have_no_derivative_and_say_so(name):
+    film = {"shape": "rectangle", "width_mm": 60.0, "height_mm": 40.0}
+    scene = Scene(film=film, probe={"shape": "circle", "radius_mm": 2.0})
+    with pytest.raises(ValueError, match="size of the rim"):
+        gradients(scene, [f"film.{name}"])
+    with pytest.raises(ValueError, match="size of the rim"):
+        uncertainty(scene, {f"film.{name}": 0.1})
