@@ -34,7 +34,7 @@ MAX_WRAP_GAP = 0.05
 MAX_UNCONFIRMED_GAP_S = 60.0
 #: Irregular stamps that go back by less than this number of intervals may jitter: their rows are
 #: kept in the order of arrival. Stamps with white jitter of one interval increase a dozen times in
-#: succession in 1 of 30 streams, and then look irregular; 1 of 400 goes back by more than this.
+#: succession in 1 of 60 streams, and then look irregular; 1 of 400 goes back by more than this.
 MAX_JITTER_STEP = 3.0
 #: Number of further stamps that confirm a gap too long to be exchanged rows, or a restart.
 CONFIRMATIONS = 2
