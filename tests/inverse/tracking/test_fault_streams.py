@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pvdf_fem.inverse.tracking.tracker import Tracker
@@ -51,6 +51,7 @@ def test_a_fault_is_survived_and_named(fault):
 
 @drawn(MIXTURES)
 @given(st.integers(0, 2**32 - 1))
+@example(7674)
 def test_mixtures_of_two_faults_are_never_wrong_and_named(seed):
     random = np.random.default_rng(seed)
     faults = draw_mixture(random)

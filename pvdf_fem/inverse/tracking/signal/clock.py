@@ -14,6 +14,10 @@ from pvdf_fem.inverse.tracking.signal.stamps.rows import ClockEvent, StreamRow, 
 from pvdf_fem.inverse.tracking.signal.stamps.timeline import Timeline
 from pvdf_fem.inverse.tracking.stream_notes import StreamNote
 
+#: Stamps beyond this number of seconds, which is more than that of the nanoseconds since 1970, are
+#: no times: sums and squares of them would overflow.
+MAX_STAMP_S = 1e20
+
 __all__ = ["ClockEvent", "ClockOptions", "Repair", "SampleClock", "StampedSample"]
 
 
@@ -86,7 +90,7 @@ class SampleClock:
         Parameters
         ----------
         stamp_s : float
-            Stamp of the sample in s; NaN or infinite if it is missing.
+            Stamp of the sample in s. It is missing if it is NaN, infinite, or beyond `MAX_STAMP_S`.
         values : sequence of float
             Readings, which are passed on unchanged.
 
@@ -95,6 +99,8 @@ class SampleClock:
         list of StampedSample
             Samples in order of time; none while samples are held back.
         """
+        if not abs(stamp_s) <= MAX_STAMP_S:
+            stamp_s = math.nan
         row = StreamRow(self._row_count, stamp_s, values)
         self._row_count += 1
         if self._timeline:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pvdf_fem.inverse.tracking.signal.clock import ClockEvent, ClockOptions, Repair, SampleClock
@@ -100,6 +100,7 @@ def test_a_sample_costs_little():
 
 
 @given(seed=st.integers(0, 1000), rate=rates, mean_or_spread=st.sampled_from(["poisson", 0.2, 0.4]))
+@example(seed=179, rate=50.0, mean_or_spread=0.2)
 def test_irregular_sampling_is_trusted(seed, rate, mean_or_spread):
     random = np.random.default_rng(seed)
     if mean_or_spread == "poisson":
@@ -109,9 +110,21 @@ def test_irregular_sampling_is_trusted(seed, rate, mean_or_spread):
     stamps = np.cumsum(steps)
     result = run(stamps)
     kept = np.abs(find_errors(result, stamps)) < 1e-6
-    # Few intervals may look like jitter, until more of them show that deviations add up.
+    # The first 12 intervals may look like jitter. Reviews of 64 stamps at rows 64, 192 and 448, and
+    # 64 rows after one of another result, show that deviations add up; two of them must agree.
     assert np.mean(kept) > 0.6
     assert np.all(kept[1100:])
+
+
+def test_irregular_rows_that_seem_to_go_back_by_less_than_they_may_jitter_are_kept():
+    stamps = np.cumsum(np.random.default_rng(0).exponential(1e-3, COUNT) + 1e-6)
+    for place in (500, 1000, 1500):
+        stamps[place] = stamps[place - 1] - 1e-3
+    result = run(stamps)
+    assert len(result.times) == COUNT
+    assert result.clock.repairs[Repair.WILD_STAMP] == 3
+    kept = np.abs(find_errors(result, stamps)) < 1e-6
+    assert np.count_nonzero(~kept) == 3
 
 
 # Jitter, blocks, and rounding
@@ -124,6 +137,8 @@ def test_irregular_sampling_is_trusted(seed, rate, mean_or_spread):
     size=st.sampled_from([0.2, 0.5, 1.0, 2.0]),
     kind=st.sampled_from(["normal", "uniform"]),
 )
+@example(seed=875, rate=50.0, start=0.0, size=0.5, kind="normal")
+@example(seed=10, rate=50.0, start=0.0, size=1.0, kind="normal")
 def test_jitter_is_regressed_even_if_it_goes_backwards(seed, rate, start, size, kind):
     random = np.random.default_rng(seed)
     true = start + np.arange(COUNT) / rate
@@ -173,6 +188,7 @@ def test_blocks_with_one_stamp_are_spread(rate, size, is_last, start):
 
 
 @given(seed=st.integers(0, 1000), is_last=st.booleans())
+@example(seed=34, is_last=True)
 def test_blocks_of_different_sizes_are_spread(seed, is_last):
     random = np.random.default_rng(seed)
     heads = np.cumsum(random.integers(5, 20, 400))
@@ -188,6 +204,7 @@ def test_blocks_of_different_sizes_are_spread(seed, is_last):
 
 
 @given(seed=st.integers(0, 1000), size=st.integers(8, 100), jitter=st.sampled_from([2.0, 4.0]))
+@example(seed=30, size=28, jitter=2.0)
 def test_chunks_with_jitter_are_regressed(seed, size, jitter):
     """Chunks of Lab Streaming Layer: stamps within a chunk are regular, chunks overlap."""
     random = np.random.default_rng(seed)
@@ -304,6 +321,7 @@ def test_a_short_stream_is_passed_on_at_its_end(count):
     kind=st.sampled_from(["regular", "jittered", "blocks"]),
     seed=st.integers(0, 100),
 )
+@example(place=100, rate=50.0, missing=300.0, kind="blocks", seed=0)
 def test_gaps_are_kept(place, rate, missing, kind, seed):
     rows = np.arange(COUNT)
     gap = missing if isinstance(missing, int) else round(missing * rate)
@@ -327,7 +345,17 @@ def test_gaps_are_kept(place, rate, missing, kind, seed):
 
 
 @given(seed=st.integers(0, 1000), rate=rates, jitter=st.sampled_from([0.0, 0.02, 0.1]))
+@example(seed=0, rate=50.0, jitter=0.1)
+@example(seed=272, rate=50.0, jitter=0.1)
 def test_rows_that_are_missing_at_random_do_not_change_the_rate(seed, rate, jitter):
+    """With much jitter, the first stamps and missing rows may be taken for jitter only.
+
+    The missing rows make the deviations of the stamps a random walk of s = sqrt(0.1)/0.9 = 0.35
+    intervals a row. The slope of a line through n = 12 stamps, the fewest that are learned, then
+    has the deviation s sqrt(6/(5 n)) = 0.11 intervals a row, and is off by 0.37 in 1 of 1000
+    streams. The clock notices that after 24 stamps that deviate to the same side, and so after 9
+    intervals.
+    """
     random = np.random.default_rng(seed)
     true = np.arange(COUNT) / rate
     true = true[random.random(COUNT) > 0.1]
@@ -335,10 +363,15 @@ def test_rows_that_are_missing_at_random_do_not_change_the_rate(seed, rate, jitt
     result = run(stamps)
     assert len(result.times) == len(true)
     errors = (result.times - true) * rate
-    # Missing rows and jitter together may be taken for jitter until several reviews of the stamps.
-    assert np.abs(errors).max() < (0.3 if jitter <= 0.02 else 4.0)
-    assert np.abs(errors[1200:]).max() < 0.3
-    if jitter <= 0.02:
+    is_right = np.abs(errors) < 0.3
+    if jitter > 0.02:
+        assert np.abs(errors).max() < 9.0
+        # The kind of the stamps is reviewed at rows 64, 192 and 448, and must be found twice. A
+        # later review may err, too, for about the two times 64 stamps of the next ones.
+        assert np.mean(is_right) > 0.75
+        assert np.count_nonzero(~is_right[1200:]) <= 128
+    else:
+        assert np.all(is_right)
         assert result.clock.interval_s == pytest.approx(1.0 / rate, rel=0.02)
 
 
@@ -482,6 +515,10 @@ def test_the_clock_is_locked_after_any_two_faults(kinds, distance, place, rate, 
 
 
 @given(stamps=st.lists(st.floats() | st.integers(0, 5).map(float), max_size=200))
+@example(stamps=[0.0, 1.0, 0.0, 2.225073858507e-311])
+@example(stamps=[0.0, 1.0, 0.0, 5.992310449541053e307])
+@example(stamps=[0.0, 0.0, 2.225073858507e-311])
+@example(stamps=[1.0, 0.0, 2.0, 122.0, 2.0, 0.0, 4.0, 2.0, 33.0])
 def test_any_stamps_give_times_that_increase(stamps):
     run(stamps)
 

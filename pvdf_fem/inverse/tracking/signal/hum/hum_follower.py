@@ -105,6 +105,7 @@ class HumFollower:
         self._block_count = 0
         self._confirmed_blocks = 0
         self._idle_blocks = 0
+        self._is_search_due = False
         self.state = HumState.UNKNOWN
         self.oscillator: MainsOscillator | None = None
         self.is_significant = np.zeros((0, channel_count), dtype=bool)
@@ -164,6 +165,10 @@ class HumFollower:
         """
         if self.oscillator is not None:
             self._follow(self.oscillator, times_s, voltages)
+            return
+        if self._is_search_due:
+            self._is_search_due = False
+            self._start_best(times_s, voltages)
             return
         self._block_count += 1
         search_count, is_skipped = divmod(self._block_count, self._options.blocks_per_search)
@@ -268,7 +273,9 @@ class HumFollower:
             return  # A touch disturbs the block.
         is_hum = compute_significance(combined) >= self._options.min_significance
         if not is_hum or change > self._options.max_change:
+            # If a touch in this block changed the phasors, the next block shows the hum again.
             self._give_up()
+            self._is_search_due = True
             return
         self._confirmed_blocks += 1
         if self._confirmed_blocks >= self._options.confirming_blocks:

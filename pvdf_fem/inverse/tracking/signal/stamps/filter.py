@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+#: Smallest interval, as a fraction of the first one. Large errors of few stamps could make it
+#: negative.
+MIN_INTERVAL = 0.1
+
 
 class StampFilter:
     """Delay-locked loop of second order, which tracks the time of a row and the interval.
@@ -30,12 +34,34 @@ class StampFilter:
         self.time_s = time_s
         self.interval_s = interval_s
         self.memory = memory
+        self._min_interval_s = MIN_INTERVAL * interval_s
         self.count = max(2, min(count, memory))
+        self._skip_count = 0
         self._set_gains()
+
+    def skip(self, count: int) -> None:
+        """Do not correct by the next stamps, since the line has been fitted to them already.
+
+        Parameters
+        ----------
+        count : int
+            Number of stamps.
+        """
+        if self.count < self.memory:
+            self._skip_count = count
+            self._time_gain = 0.0
+            self._interval_gain = 0.0
+
+    def end_skip(self) -> None:
+        """Correct by the next stamps again."""
+        if self._skip_count:
+            self._skip_count = 0
+            self._set_gains()
 
     def forget(self, count: int) -> None:
         """Reduce the memory to a number of stamps, so that the next ones count more."""
         self.count = max(2, min(count, self.count))
+        self._skip_count = 0
         self._set_gains()
 
     def _set_gains(self) -> None:
@@ -55,7 +81,12 @@ class StampFilter:
             Number of rows since the last stamp; infinite at the first one.
         """
         self.time_s += self._time_gain * error_s
-        self.interval_s += self._interval_gain * error_s / row_count
-        if self.count != self.memory:
+        interval = self.interval_s + self._interval_gain * error_s / row_count
+        self.interval_s = interval if interval > self._min_interval_s else self._min_interval_s
+        if self._skip_count:
+            self._skip_count -= 1
+            if not self._skip_count:
+                self._set_gains()
+        elif self.count != self.memory:
             self.count = min(self.count + 1, self.memory)
             self._set_gains()

@@ -10,6 +10,8 @@ import numpy as np
 
 from pvdf_fem.arrays import Array, Indices, Mask
 
+#: Shortest sampling interval in s. Stamps that differ by less have none.
+MIN_INTERVAL_S = 1e-12
 #: Steps beyond this multiple of the median step separate segments, as gaps and wild stamps do.
 LARGE_STEP = 10.0
 #: Steps within this fraction of the median step agree with it. Jitter below it is left alone.
@@ -124,7 +126,7 @@ def fit_stamps(rows: Sequence[int], stamps: Sequence[float]) -> StampFit | None:
         return None
     agreed = _find_agreed_interval(longest)
     interval = _find_median_slope(longest) if agreed is None else agreed
-    if interval <= 0.0:
+    if interval < MIN_INTERVAL_S:
         return None
     rates = longest.time_steps / longest.row_steps
     kind = _classify(longest, interval, agreed is not None)
@@ -190,7 +192,7 @@ def _find_agreed_interval(segment: _Segment) -> float | None:
     """Return the mean of the steps that agree with their median, or None if too few agree."""
     rates = segment.time_steps / segment.row_steps
     median = np.median(rates)
-    if median <= 0.0:
+    if median < MIN_INTERVAL_S:
         return None
     agree = _select_agreeing_steps(segment)
     multiples = np.round(rates / median)

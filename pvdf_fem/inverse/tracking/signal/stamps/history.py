@@ -6,7 +6,12 @@ from collections import deque
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from pvdf_fem.inverse.tracking.signal.stamps.fit import StampFit, StampKind, fit_stamps
+from pvdf_fem.inverse.tracking.signal.stamps.fit import (
+    MIN_BACKWARD_STEPS,
+    StampFit,
+    StampKind,
+    fit_stamps,
+)
 
 #: Number of stamps that are kept.
 HISTORY = 64
@@ -75,10 +80,12 @@ class StampHistory:
         kind : StampKind
             Assumed kind.
         """
+        missing_count = HISTORY - len(self._stamps)
+        if missing_count > 0:
+            self._next_review = row + missing_count
+            return None
         self._review_rows = min(2 * self._review_rows, REVIEW_ROWS)
         self._next_review = row + self._review_rows
-        if len(self._stamps) < HISTORY:
-            return None
         fit = self._fit(self._stamps)
         if fit is None or fit.kind is kind:
             self._reviewed_kind = None
@@ -87,6 +94,10 @@ class StampHistory:
             self._reviewed_kind = None
             return fit
         self._reviewed_kind = fit.kind
+        # The next stamps are the first that are independent of these. Jittered stamps that look
+        # regular for a while, as rounded ones do, may wait, since their filter is right.
+        if fit.kind is not StampKind.REGULAR:
+            self._next_review = row + HISTORY
         return None
 
     def find_change(
@@ -104,7 +115,9 @@ class StampHistory:
             Assumed interval in s.
         """
         surprises = self._surprises
-        if len(surprises) < MAX_SURPRISES or self._stamp_count < self._next_fit:
+        # A few steps back show that stamps jitter that were taken for the times.
+        needed = MIN_BACKWARD_STEPS if kind is StampKind.IRREGULAR else MAX_SURPRISES
+        if len(surprises) < needed or self._stamp_count < self._next_fit:
             return None
         first = surprises[0]
         if self._stamp_count - first.stamp_count > 2 * HISTORY:

@@ -6,7 +6,12 @@ import math
 from collections import deque
 from itertools import pairwise
 
-from pvdf_fem.inverse.tracking.signal.stamps.fit import StampFit, StampKind, fit_stamps
+from pvdf_fem.inverse.tracking.signal.stamps.fit import (
+    MIN_INTERVAL_S,
+    StampFit,
+    StampKind,
+    fit_stamps,
+)
 from pvdf_fem.inverse.tracking.signal.stamps.options import ClockOptions
 from pvdf_fem.inverse.tracking.signal.stamps.rows import StreamRow
 
@@ -75,7 +80,7 @@ class LearningBuffer:
             return fit
         steps = []
         for previous, following in pairwise(stamps):
-            if following > previous:
+            if following - previous >= MIN_INTERVAL_S:
                 steps.append(following - previous)
         # A single stamp has no interval; that of a slow stream is as good as any.
         interval = sorted(steps)[len(steps) // 2] if steps else 1.0

@@ -22,3 +22,19 @@ class ClockOptions:
     hold_s: float = 0.05
     min_hold_samples: int = 8
     max_hold_samples: int = 64
+
+    def find_hold_count(self, interval_s: float, block_size: int) -> int:
+        """Find the largest number of samples to hold.
+
+        Parameters
+        ----------
+        interval_s : float
+            Sampling interval in s.
+        block_size : int
+            Number of samples with one stamp. The stamp of the next block is to confirm the present
+            one, so that two blocks are held.
+        """
+        count = self.max_hold_samples
+        if count * interval_s > self.hold_s:
+            count = round(self.hold_s / interval_s)
+        return min(max(count, self.min_hold_samples, 2 * block_size), self.max_hold_samples)

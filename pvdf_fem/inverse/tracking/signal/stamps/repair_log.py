@@ -27,7 +27,9 @@ class Repair(StrEnum):
 
 #: Sentence for each kind of repair.
 SENTENCES = {
-    Repair.MISSING_STAMP: "row {row} has no time stamp: such rows follow at the learned interval",
+    Repair.MISSING_STAMP: (
+        "row {row} has no usable time stamp: such rows follow at the learned interval"
+    ),
     Repair.REPEATED_STAMP: (
         "row {row} repeats the time stamp {stamp_s:.10g} s: "
         "such rows follow at the learned interval"

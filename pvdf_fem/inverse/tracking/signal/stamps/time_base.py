@@ -88,6 +88,8 @@ class TimeBase(ABC):
         #: beyond which its interval is doubtful.
         self.lag_count = 0
         self.max_lag_count = MIN_LAG_COUNT
+        #: Number of rows with one stamp of late.
+        self.block_size = 1
         #: Mean number of stamps in succession that deviate to the same side.
         self.chunk_size = WHITE_CHUNK_SIZE
         self.band_s = fit.band_s
@@ -245,6 +247,7 @@ class JitteredTimeBase(TimeBase):
     def __init__(self, fit: StampFit, time_s: float) -> None:
         super().__init__(fit, time_s)
         self._error_s = 0.0
+        self._repeat_count = 0
 
     def is_repeated(self, stamp_s: float) -> bool:
         """Whether a stamp repeats the last one, as all those of a block do."""
@@ -263,6 +266,7 @@ class JitteredTimeBase(TimeBase):
         if self.is_repeated(stamp_s):
             if stamp_s != self.wrong_stamp_s:
                 self.stamp_s = stamp_s
+                self._repeat_count += 1
             return self.estimate()
         error = stamp_s - stamp_filter.time_s - stamp_filter.interval_s
         if abs(error) > self.tolerance_s:
@@ -276,15 +280,21 @@ class JitteredTimeBase(TimeBase):
                 self._end_lag()
             self._error_s = error
         excess = abs(error) - self.band_s
-        decay = BAND_DECAY / self.chunk_size
-        self.band_s += BAND_ATTACK * excess if excess > 0.0 else -decay * self.band_s
+        if excess > 0.0:
+            self.band_s += BAND_ATTACK * excess
+            stamp_filter.end_skip()
+        else:
+            self.band_s -= BAND_DECAY / self.chunk_size * self.band_s
         self.update_tolerance()
+        self.block_size = max(self._repeat_count + 1, self.block_size - 1)
+        self._repeat_count = 0
         self.believe(row, stamp_s)
         return self._advance(stamp_filter.interval_s)
 
     def begin_after_gap(self, row: int, stamp_s: float) -> float:
         """Return the time of the first row after a gap."""
         gap = stamp_s - self.filter.time_s - self.filter.interval_s
+        self.filter.end_skip()
         self.filter.time_s = stamp_s
         self.time_s += gap
         self.believe(row, stamp_s)

@@ -70,6 +70,8 @@ class Timeline:
         self, fit: StampFit, start_s: float, options: ClockOptions, log: RepairLog
     ) -> None:
         self._base = make_time_base(fit, fit.origin_s - fit.interval_s)
+        if fit.kind is StampKind.JITTERED:
+            self._base.filter.skip(fit.stamp_count)
         self._options = options
         self._log = log
         #: Difference between times and stamps.
@@ -213,15 +215,13 @@ class Timeline:
     def _make_reference(self) -> StampReference:
         """Return the state of the stream before the held rows."""
         base = self._base
-        options = self._options
-        count = min(round(options.hold_s / base.interval_s), options.max_hold_samples)
         return StampReference(
             kind=base.kind,
             time_s=base.reference_s,
             last_stamp_s=base.stamp_s,
             interval_s=base.interval_s,
             tolerance_s=base.tolerance_s,
-            hold_count=max(count, options.min_hold_samples),
+            hold_count=self._options.find_hold_count(base.interval_s, base.block_size),
             suspect_s=self._suspect_s,
             row=self._held[0].number,
             gaps=self._gaps,
@@ -236,7 +236,8 @@ class Timeline:
             return self._pass_on_estimated(verdict.row_count)
         if explanation is Explanation.EXCHANGED:
             return self._pass_on_sorted(verdict.row_count)
-        if explanation is Explanation.LATE:
+        is_chunk = verdict.is_steady and self._is_chunk_jitter(verdict.offset_s)
+        if explanation is Explanation.LATE and not is_chunk:
             self._drop_late_rows(verdict.row_count)
             return []
         if explanation is Explanation.FASTER:
