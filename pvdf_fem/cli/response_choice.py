@@ -236,17 +236,7 @@ class ResponseChoice:
     def find_errors(self, scene: Scene, scene_file: str) -> list[str]:
         """Return error messages if there can be no response, or if it would exceed the rim.
 
-        Parameters
-        ----------
-        scene : Scene
-            The sensor of which the response is needed.
-        scene_file : str
-            Path of its scene file.
-
-        Returns
-        -------
-        list of str
-            No message on ``--reach`` if the response file exists: its reach is used.
+        The parameters are those of `find_path`. If the response file exists, its reach is used.
 
         Raises
         ------
