@@ -21,6 +21,7 @@ from pvdf_fem.cli.options import (
 from pvdf_fem.cli.program import convert_value_errors
 from pvdf_fem.files import FileError, require_writable
 from pvdf_fem.progress import Progress, format_remaining_time, show_progress
+from pvdf_fem.scene.scene_file import SceneError
 from pvdf_fem.solver.nonlinear.status import NotConvergedError
 
 if TYPE_CHECKING:
@@ -165,11 +166,10 @@ class ResponseChoice:
             these settings, if it exists; else the first file beside the scene file whose response
             can be used; else the file that would be written.
         """
-        from pvdf_fem.surrogate.response_key import make_mechanical_key, make_response_key
+        from pvdf_fem.surrogate.response_key import make_response_key
 
         if self.file:
             return self.file
-        make_mechanical_key(scene)  # raises for a scene without a response, which has no reach
         domain, tolerance = self.resolve_settings(scene)
         own = _make_default_path(scene_file, make_response_key(scene, domain, tolerance))
         if own.exists():
@@ -234,25 +234,23 @@ class ResponseChoice:
         return ""
 
     def find_errors(self, scene: Scene, scene_file: str) -> list[str]:
-        """Return an error message if a response has to be built and ``--reach`` is beyond the rim.
+        """Return error messages if there can be no response, or if it would exceed the rim.
 
-        Parameters
-        ----------
-        scene : Scene
-            The sensor of which the response is needed.
-        scene_file : str
-            Path of its scene file.
-
-        Returns
-        -------
-        list of str
-            At most one message, and no message if the response file exists: its reach is used.
+        The parameters are those of `find_path`. If the response file exists, its reach is used.
 
         Raises
         ------
         FileError
             If the response file does not exist and cannot be written.
         """
+        from pvdf_fem.surrogate.response_key import make_mechanical_key
+
+        try:
+            make_mechanical_key(scene)
+        except SceneError:  # a ValueError, too, but `run_program` prints the problems that it lists
+            raise
+        except ValueError as error:
+            return str(error).splitlines()
         path = self.find_path(scene, scene_file)
         if path.is_file():
             return []

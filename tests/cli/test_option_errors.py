@@ -70,6 +70,14 @@ WRONG_LINES = [
     # without charges of the unloaded film, before a response is built
     (f"track disc.toml signals.csv {WARM}", [HOT]),
     (f"locate disc.toml --changes A=5,B=4,C=3 {WARM}", [HOT]),
+    # films without a response
+    *(
+        (f"{line} --set film.shape=square --set film.side_mm=80", ['film.shape = "square"'])
+        for line in (
+            *("model disc.toml", "locate disc.toml --charges A=1", "track disc.toml signals.csv"),
+            *(f"{DATASET} a.nc", "design disc.toml --vary film.thickness_um=9"),
+        )
+    ),
     # incompatible options
     ("locate scene.toml --charges A=1 --unknown x,force --plot a.svg", ["--plot"]),
     ("locate scene.toml --charges A=1 --touches 2 --plot a.svg --or disc.toml", ["--or", "--plot"]),

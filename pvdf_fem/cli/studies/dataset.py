@@ -112,7 +112,7 @@ def run(options: argparse.Namespace) -> int:
     errors = list(find_request_errors(scene, count, seed, sigma, noise_pC, options.reading))
     errors += choice.find_errors(scene, options.scene)
     if errors:
-        raise InputError(*errors)
+        raise InputError(*dict.fromkeys(errors))
     response = load_or_build_response(scene, options.scene, choice)
     data = dataset(
         scene,

@@ -202,7 +202,7 @@ class ArcPolygon(Outline):
             deepest = max(deepest, depth)
         return deepest
 
-    def compute_excess(self, other: Outline) -> float:
+    def _find_excess(self, other: Outline) -> float:
         """Compute the maximum distance of vertices and arcs from another outline.
 
         See `Outline.compute_excess`.

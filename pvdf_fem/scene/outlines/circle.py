@@ -44,6 +44,11 @@ class Circle(Ellipse):
         return self.radius
 
     @property
+    def centred_radius(self) -> float | None:
+        """The radius in m if the circle is about the film's centre."""
+        return None if self.centre.any() else self.radius
+
+    @property
     def hydraulic_radius(self) -> float:
         """The radius in m."""
         return self.radius

@@ -125,7 +125,7 @@ class Ellipse(Outline):
         """
         return self._find_maximum(lambda points: -other.compute_signed_distances(points))
 
-    def compute_excess(self, other: Outline) -> float:
+    def _find_excess(self, other: Outline) -> float:
         """Compute the maximum distance of the ellipse from another outline; see the base class."""
         return self._find_maximum(other.compute_signed_distances)
 

@@ -182,7 +182,11 @@ class Outline(ABC):
         other outline penetrates a side between corners, the depth of the other outline is larger.
         """
 
-    @abstractmethod
+    @property
+    def centred_radius(self) -> float | None:
+        """Radius in m of a circle about the film's centre, None for any other outline."""
+        return None
+
     def compute_excess(self, other: Outline) -> float:
         """Compute how far the boundary of this outline extends beyond another outline.
 
@@ -202,6 +206,13 @@ class Outline(ABC):
         Polygons compute the excess of their corners only. If the other outline is not convex, their
         sides may leave it between the corners; `is_within` considers this.
         """
+        if other.centred_radius is not None:  # the rim of most films, which needs no search
+            return self.reach - other.centred_radius
+        return self._find_excess(other)
+
+    @abstractmethod
+    def _find_excess(self, other: Outline) -> float:
+        """Find the excess beyond an outline of any shape; see `compute_excess`."""
 
     def compute_arc_midpoints(self, starts: Array, ends: Array) -> Array:
         """Compute the midside nodes of quadratic elements on a curved boundary.
@@ -322,6 +333,8 @@ def is_within(inner: Outline, outer: Outline) -> bool:
     slack = LENGTH_TOLERANCE * max(inner.reach, outer.reach)
     if inner.compute_excess(outer) > slack:
         return False
+    if outer.centred_radius is not None:
+        return True
     # a side may leave an outer outline that is not convex between two corners that are inside
     outside = inner.inscribed_polygon.difference(outer.inscribed_polygon)
     parts = shapely.get_parts(outside)

@@ -111,7 +111,7 @@ class Polygon(Outline):
         """
         return -float(other.compute_signed_distances(self.vertices).min())
 
-    def compute_excess(self, other: Outline) -> float:
+    def _find_excess(self, other: Outline) -> float:
         """Compute the maximum distance of the vertices from another outline; see the base class."""
         return float(other.compute_signed_distances(self.vertices).max())
 

@@ -50,8 +50,39 @@ def circumscribe(points: Array, sides: RimSides, rim: Outline) -> tuple[Indices,
     A side of the length c, from which the rim is s away in the middle, is the chord of an arc of
     the radius r with the angle a, where tan(a/4) = 2 s/c. The polygon encloses the arc if its
     points are at r/cos(a/2), by s/cos(a/2) further outwards. A point between two sides is moved to
-    satisfy both, along a straight side if one of them is straight. Curved elements may be a little
-    inside of the rim; their points are moved at least to the rim.
+    satisfy both, along a straight side if one of them is straight. Sides of curved elements deviate
+    a little from the rim; their points are moved onto it before.
+    """
+    ends = np.concatenate([sides.starts, sides.ends])
+    # the rim is closed: each point is the end of two sides
+    order = np.argsort(ends, kind="stable").reshape(-1, 2)
+    at_rim = ends[order[:, 0]]
+    on_rim = points.copy()
+    normals, _ = _examine_sides(points, sides, rim)
+    depths = -rim.compute_signed_distances(points[at_rim])
+    on_rim[at_rim] += _satisfy_both(normals[order], np.stack([depths, depths], axis=1))
+    normals, excesses = _examine_sides(on_rim, sides, rim)
+    return at_rim, on_rim[at_rim] + _satisfy_both(normals[order], excesses[order])
+
+
+def _examine_sides(points: Array, sides: RimSides, rim: Outline) -> tuple[Array, Array]:
+    """Compute normals at the ends of sides, and how far the ends are to move along them.
+
+    Parameters
+    ----------
+    points : ndarray, shape (points, 2)
+        Places of all points in m.
+    sides : RimSides
+        The sides along the rim.
+    rim : Outline
+        The outline of the film.
+
+    Returns
+    -------
+    normals : ndarray, shape (2 n, 2)
+        Outward normals of the rim at the starts of the sides, then at their ends.
+    excesses : ndarray, shape (2 n,)
+        Distances in m.
     """
     start = points[sides.starts]
     end = points[sides.ends]
@@ -67,16 +98,8 @@ def circumscribe(points: Array, sides: RimSides, rim: Outline) -> tuple[Indices,
     excess = height / np.cos(half_angle)
     across = np.cos(half_angle)[:, None] * outward
     aside = np.sin(half_angle)[:, None] * along
-
-    ends = np.concatenate([sides.starts, sides.ends])
     normals = np.concatenate([across - aside, across + aside])
-    depths = np.maximum(-rim.compute_signed_distances(points[ends]), 0.0)
-    excesses = np.maximum(np.concatenate([excess, excess]), depths)
-    # the rim is closed: each point is the end of two sides
-    order = np.argsort(ends, kind="stable").reshape(-1, 2)
-    at_rim = ends[order[:, 0]]
-    moves = _satisfy_both(normals[order], excesses[order])
-    return at_rim, points[at_rim] + moves
+    return normals, np.concatenate([excess, excess])
 
 
 def _satisfy_both(normals: Array, excesses: Array) -> Array:
