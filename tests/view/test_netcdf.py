@@ -24,7 +24,7 @@ from tests.helpers.sweep_cases import AXES, BASE, made_up
 
 #: Units that udunits 2.2 parses.
 KNOWN_UNITS = {"1", "mm", "um", "GPa", "MPa", "Pa", "pF", "pC", "K", "N", "V", "s", "Hz"}
-KNOWN_UNITS |= {"degree", "Mohm", "1/K", "pC/N", "N/m", "kg/m3"}
+KNOWN_UNITS |= {"degree", "Mohm", "1/K", "pC/N", "N/m", "kg/m3", "N/m3"}
 KNOWN_UNITS |= {"m2/s", "m/s2", "uC/(m2 K)", "pC/mm2"}
 ENGINES = {"scipy": "scipy", "netcdf4": "netCDF4"}
 

@@ -11,6 +11,11 @@ from pvdf_fem.mesh.files.outline_fit import find_triangles_inside
 from pvdf_fem.mesh.six_node import SIDES
 from pvdf_fem.scene.outlines.outline import Outline
 
+#: Straight sides of an outline are curved if they are more than this fraction of its sides. Meshers
+#: keep a few sides straight where an arc would fold an element.
+MIN_STRAIGHT_FRACTION = 0.5
+# An arc that is lower than this fraction of its chord is straight.
+_FLAT = 1e-9
 # A side is straight if its middle is closer to its chord than this fraction of the arc's height.
 _STRAIGHT = 0.1
 
@@ -40,7 +45,8 @@ def curve_straight_sides(
     """Move the midside nodes of straight sides along curved outlines onto these outlines.
 
     Afterwards the elements inside an outline together have its area, as in the meshes of
-    `mesh_scene`. Sides that are curved already are not changed.
+    `mesh_scene`. Sides that are curved already are not changed, nor are outlines of which most sides
+    are curved.
 
     Parameters
     ----------
@@ -67,7 +73,7 @@ def curve_straight_sides(
             continue
         sides = _find_sides_along(points, triangles, outline=outline, slack=slack)
         arcs = _find_straight_arcs(points, sides, outline=outline)
-        if not len(arcs.middles):
+        if len(arcs.middles) <= MIN_STRAIGHT_FRACTION * arcs.side_count:
             continue
         names.append(name)
         moved.update(arcs.middles.tolist())
@@ -89,6 +95,7 @@ class _Arcs(NamedTuple):
     middles: Indices  #: Indices of the midside nodes, shape (n,).
     targets: Array  #: Where these nodes should be, shape (n, 2).
     missing_area: float  #: Area in m² between the sides and the arcs.
+    side_count: int  #: Number of sides along arcs, straight or not.
 
 
 def _find_sides_along(points: Array, triangles: Indices, outline: Outline, slack: float) -> _Sides:
@@ -144,4 +151,5 @@ def _find_straight_arcs(points: Array, sides: _Sides, outline: Outline) -> _Arcs
         middles=sides.middles[is_straight],
         targets=targets[is_straight],
         missing_area=float(segments[is_straight].sum()),
+        side_count=int((heights > _FLAT * chords).sum()),
     )
