@@ -45,8 +45,8 @@ def curve_straight_sides(
     """Move the midside nodes of straight sides along curved outlines onto these outlines.
 
     Afterwards the elements inside an outline together have its area, as in the meshes of
-    `mesh_scene`. Sides that are curved already are not changed, nor are outlines of which most sides
-    are curved.
+    `mesh_scene`. Sides that are curved already are not changed, nor are those of outlines with more
+    curved than straight sides.
 
     Parameters
     ----------
