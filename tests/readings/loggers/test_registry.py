@@ -55,7 +55,7 @@ def test_other_binary_files_with_the_extension_of_a_logger_are_refused(tmp_path)
 @pytest.mark.parametrize(
     ("head", "advice"),
     [
-        (gzip.compress(b"t_s,A\n0,1\n"), "gunzip"),
+        (gzip.compress(b"t_s,A\n0,1\n", mtime=0), "gunzip"),
         (b"PK\x03\x04" + bytes(30), "CSV"),
         (b"CDF\x01" + bytes(30), "NetCDF-3, which is not read"),
     ],
