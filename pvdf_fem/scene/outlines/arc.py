@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.scene.outlines.curve_maximum import FINEST_ANGLE, find_curve_maximum
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,27 +206,11 @@ class Arc:
         -------
         float
             Maximum in the unit of the function.
-
-        Notes
-        -----
-        A grid along the arc is refined around each local maximum, as along an `Ellipse`.
         """
         count = max(8, int(256.0 * abs(self.angle) / (2.0 * np.pi)))
-        step = 1.0 / count
-        fractions = np.linspace(0.0, 1.0, count + 1)[None]
-        maximum = -np.inf
-        while step * abs(self.angle) > 1e-8:
-            points = self.compute_points(fractions.ravel())
-            values = function(points).reshape(fractions.shape)
-            maximum = max(maximum, float(values.max()))
-            if len(fractions) == 1 and fractions.shape[1] == count + 1:
-                padded = np.pad(values[0], 1, constant_values=-np.inf)
-                is_peak = (values[0] >= padded[:-2]) & (values[0] >= padded[2:])
-                peaks = fractions[0, is_peak]
-            else:
-                columns = values.argmax(axis=1)[:, None]
-                peaks = np.take_along_axis(fractions, columns, axis=1)[:, 0]
-            around = peaks[:, None] + step * np.linspace(-1.0, 1.0, 33)
-            fractions = np.clip(around, 0.0, 1.0)
-            step /= 16.0
-        return maximum
+        return find_curve_maximum(
+            lambda fractions: function(self.compute_points(fractions)),
+            np.linspace(0.0, 1.0, count + 1),
+            finest_step=FINEST_ANGLE / abs(self.angle),
+            is_closed=False,
+        )

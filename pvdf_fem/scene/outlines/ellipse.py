@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 
 from pvdf_fem.arrays import Array
+from pvdf_fem.scene.outlines.curve_maximum import FINEST_ANGLE, find_curve_maximum
 from pvdf_fem.scene.outlines.outline import EllipseCurve, Outline
 
 #: Number of corners of an inscribed polygon, and of points of the coarsest grid along an ellipse.
@@ -141,28 +142,13 @@ class Ellipse(Outline):
         -------
         float
             Maximum in the unit of the function.
-
-        Notes
-        -----
-        A grid along the ellipse is refined around each local maximum, until its spacing is 1e-8
-        radians. The error of the maximum is quadratic in the spacing.
         """
-        angles = _make_even_angles()  # first the whole ellipse, later a row for each local maximum
-        step = angles[1]
-        maximum = -np.inf
-        while step > 1e-8:
-            points = self.compute_points(angles.ravel())
-            values = function(points).reshape(angles.shape)
-            maximum = max(maximum, float(values.max()))
-            if angles.ndim == 1:
-                is_peak = (values >= np.roll(values, 1)) & (values >= np.roll(values, -1))
-                peaks = angles[is_peak]
-            else:
-                columns = values.argmax(axis=1)[:, None]
-                peaks = np.take_along_axis(angles, columns, axis=1)[:, 0]
-            angles = peaks[:, None] + step * np.linspace(-1.0, 1.0, 33)
-            step /= 16.0
-        return maximum
+        return find_curve_maximum(
+            lambda angles: function(self.compute_points(angles)),
+            _make_even_angles(),
+            finest_step=FINEST_ANGLE,
+            is_closed=True,
+        )
 
     def compute_arc_midpoints(self, starts: Array, ends: Array) -> Array:
         """Compute the midside nodes of quadratic elements along the ellipse.
