@@ -179,11 +179,33 @@ def _evaluate_points(equilibrium: Equilibrium, state: State, points: Array) -> A
     for first in range(0, points.shape[1], POINTS_AT_ONCE):
         chunk = points[:, first : first + POINTS_AT_ONCE]
         elements, local = locate_points(equilibrium.space.mesh, chunk)
-        values = _evaluate_local_points(
-            equilibrium, state, elements=elements, local=local[:, :, None]
-        )
-        parts.append(np.stack(values)[:, :, 0])
+        parts.append(_evaluate_pairs(equilibrium, state, elements=elements, local=local))
     return np.concatenate(parts, axis=1)
+
+
+def _evaluate_pairs(
+    equilibrium: Equilibrium, state: State, *, elements: Indices, local: Array
+) -> Array:
+    """Evaluate the fields of `ElementValues` at one local point in each of some elements.
+
+    Parameters
+    ----------
+    equilibrium : Equilibrium
+        Equations of the whole film.
+    state : State
+        Solution of `equilibrium`.
+    elements : ndarray of int, shape (n,)
+        Numbers of the elements, which may be repeated.
+    local : ndarray, shape (2, n)
+        Local coordinates of a point in each of these elements.
+
+    Returns
+    -------
+    ndarray, shape (5, n, 3)
+        The five fields in the order of `ElementValues`.
+    """
+    values = _evaluate_local_points(equilibrium, state, elements=elements, local=local[:, :, None])
+    return np.stack(values)[:, :, 0]
 
 
 def evaluate_in_elements(equilibrium: Equilibrium, state: State, local: Array) -> PointValues:
@@ -235,10 +257,9 @@ def evaluate_in_pairs(
     parts = [np.empty((len(ElementValues._fields), 0, 3))]
     for first in range(0, len(elements), POINTS_AT_ONCE):
         rows = slice(first, first + POINTS_AT_ONCE)
-        values = _evaluate_local_points(
-            equilibrium, state, elements=elements[rows], local=local[rows].T[:, :, None]
+        parts.append(
+            _evaluate_pairs(equilibrium, state, elements=elements[rows], local=local[rows].T)
         )
-        parts.append(np.stack(values)[:, :, 0])
     combined = ElementValues(*np.concatenate(parts, axis=1))
     x, y = combined.points_mm[:, :2].T
     return _make_point_values(equilibrium, combined, x=x, y=y)
