@@ -110,7 +110,7 @@ def make_grids(scene: Scene, size: float) -> tuple[MeshGrid, MeshGrid]:
 
 
 def record(folder: Path) -> None:
-    """Run all decks in a folder, and write `RECORD`: ``record(Path("/tmp/decks"))``."""
+    """Run all decks in a folder, and write `RECORD`: ``record(Path("decks"))``."""
     with RECORD.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(Row._fields)

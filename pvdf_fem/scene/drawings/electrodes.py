@@ -229,9 +229,8 @@ def _require_separate(
     """Refuse outlines that overlap, or lie within each other."""
     for first, second in combinations(range(len(contours)), 2):
         if has_overlap(outlines[first], outlines[second]):
-            larger, smaller = first, second
-            if outlines[first].area < outlines[second].area:
-                larger, smaller = second, first
+            order = sorted((first, second), key=lambda one: outlines[one].area, reverse=True)
+            larger, smaller = order
             polygons = [outlines[number].inscribed_polygon for number in (larger, smaller)]
             is_within = polygons[0].contains(polygons[1])
             relation = "lies within" if is_within else "overlaps"

@@ -117,7 +117,8 @@ def _satisfy_both(normals: Array, excesses: Array) -> Array:
     ndarray, shape (n, 2)
         Moves in m.
     """
-    first, second = normals[:, 0], normals[:, 1]
+    first = normals[:, 0]
+    second = normals[:, 1]
     cross = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     is_smooth = np.abs(cross) < SMOOTH
     middle = first + second

@@ -54,7 +54,7 @@ class ReleasedRows:
     still_count: int
     kept_peak: ChargeSample | None = None
 
-    def correct(self) -> TouchRecord:
+    def subtract_drift(self) -> TouchRecord:
         """Subtract the drift from the charges.
 
         After the contact the charge must be zero, so that the measured residual is a drift. The
@@ -200,13 +200,13 @@ def split_at_pauses(whole: ReleasedRows) -> list[TouchRecord]:
     """
     pauses = whole.find_pauses()
     if not pauses:
-        return [whole.correct()]
+        return [whole.subtract_drift()]
     row_count = len(whole.rows.time_s)
     end = slice(row_count - whole.still_count, row_count)
     parts = [whole.select_until(pauses[0])]
     for before, after in pairwise([*pauses, end]):
         parts.append(whole.select_between(before, after))
-    return [part.correct() for part in parts]
+    return [part.subtract_drift() for part in parts]
 
 
 def average_charges(rows: BufferedSamples) -> tuple[Array, Array]:
